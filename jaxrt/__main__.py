@@ -1,0 +1,7 @@
+"""`python -m jaxrt`."""
+
+import sys
+
+from jaxrt.cli import main
+
+sys.exit(main())

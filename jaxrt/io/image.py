@@ -1,0 +1,118 @@
+"""Pictures in and out: 8-bit PNG for the eye, float32 EXR for numbers."""
+
+import logging
+import os
+from collections.abc import Callable
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jaxrt import color
+
+logger = logging.getLogger(__name__)
+
+Pixels = NDArray[np.float32]
+StrPath = str | PathLike[str]
+
+
+def check_suffix(path: StrPath) -> str:
+    """Return the suffix of `path` in lower case. Raises ValueError where it names no known format."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in _WRITERS:
+        culprit = f'unknown suffix "{suffix}"' if suffix else "no suffix"
+        raise ValueError(f"{path}: {culprit}: use {' or '.join(_WRITERS)}")
+    return suffix
+
+
+def save_image(path: StrPath, image: ArrayLike, exposure: float = 0.0, srgb: bool = False) -> None:
+    """Write an (H, W, 3) picture of linear radiance, times 2**exposure, to a .png or .exr file.
+
+    PNG: 8 bits, gamma 2.2 (or the sRGB curve), clipped to [0, 1]. EXR: linear float32, not clipped.
+    The file appears whole or not at all. Raises ValueError for an unknown suffix, another shape, or a pixel
+    that is not finite.
+    """
+    suffix = check_suffix(path)
+    pixels = _check_pixels(image, exposure)
+    _write_whole(Path(path), lambda target: _WRITERS[suffix](target, pixels, srgb))
+
+
+def load_image(path: StrPath, srgb: bool = False) -> Pixels:
+    """Return the (H, W, 3) float32 linear picture in a .png or .exr file.
+
+    PNG holds display values: they are linearised by gamma 2.2, or by the sRGB curve, and that is logged.
+    Alpha is dropped. Raises ValueError for an unknown suffix or a broken file, FileNotFoundError for none.
+    """
+    suffix = check_suffix(path)
+    if not Path(path).is_file():
+        raise FileNotFoundError(f"{path}: no such file: check the path")
+    try:
+        return _READERS[suffix](Path(path), srgb)
+    except (OSError, RuntimeError, KeyError, SyntaxError) as error:
+        raise ValueError(f"{path}: cannot be read as {suffix} ({error}): check the file") from None
+
+
+def _check_pixels(image: ArrayLike, exposure: float) -> Pixels:
+    """Return the exposed picture in float32, or raise ValueError naming what is wrong."""
+    pixels = np.asarray(image)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
+        raise ValueError(f"image: shape {pixels.shape} is no picture: pass (height, width, 3)")
+    if not np.isfinite(exposure):
+        raise ValueError(f"exposure: {exposure} is not finite: pass a number of stops")
+    with np.errstate(over="ignore"):
+        exposed = (pixels.astype(np.float64) * np.exp2(exposure)).astype(np.float32)
+    if not np.isfinite(exposed).all():
+        i, j, c = (int(n) for n in np.argwhere(~np.isfinite(exposed))[0])
+        raise ValueError(
+            f"image[{i}, {j}, {c}]: {exposed[i, j, c]} is not finite: mend the picture before saving"
+        )
+    return exposed
+
+
+def _write_whole(path: Path, write: Callable[[Path], None]) -> None:
+    """Let `write` fill a temporary neighbour, then rename it to `path`; leave nothing half-written."""
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix.lower()}")
+    try:
+        write(temporary)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _write_png(path: Path, pixels: Pixels, srgb: bool) -> None:
+    from PIL import Image
+
+    encoded = color.srgb_encode(pixels) if srgb else color.gamma_encode(pixels)
+    levels = np.rint(255 * np.clip(encoded, 0, 1)).astype(np.uint8)
+    Image.fromarray(levels).save(path, format="PNG")
+
+
+def _write_exr(path: Path, pixels: Pixels, srgb: bool) -> None:
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, {"RGB": np.ascontiguousarray(pixels)}) as file:
+        file.write(str(path))
+
+
+def _read_png(path: Path, srgb: bool) -> Pixels:
+    from PIL import Image
+
+    with Image.open(path) as picture:
+        levels = np.asarray(picture.convert("RGB"), np.float64) / 255
+    logger.info("%s: display values, linearised by %s", path, "the sRGB curve" if srgb else "gamma 2.2")
+    return (color.srgb_decode(levels) if srgb else color.gamma_decode(levels)).astype(np.float32)
+
+
+def _read_exr(path: Path, srgb: bool) -> Pixels:
+    import OpenEXR
+
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        channels = {name: channel.pixels for name, channel in file.channels().items()}
+    names = ("R", "G", "B") if "R" in channels else ("Y", "Y", "Y")
+    return np.stack([np.asarray(channels[name], np.float32) for name in names], axis=-1)
+
+
+_WRITERS = {".png": _write_png, ".exr": _write_exr}
+_READERS = {".png": _read_png, ".exr": _read_exr}

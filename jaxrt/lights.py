@@ -1,0 +1,90 @@
+"""Point and spherical lights: one record, one formula; radius 0 is a point.
+
+A sphere light of intensity I has radiance I/(πr²). Sampling the cap seen from a point at distance d by solid angle
+gives the irradiance I · 2/(d² (1 + √(1 − s²))), s = r/d: finite at r = 0, where it is I/d², and free of the
+cancellation in 1 − cosθ_max that breaks small lights.
+"""
+
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxrt.maths import dot, normalize, safe_divide, safe_sqrt, unit_roundoff
+from jaxrt.pytree import pytree
+from jaxrt.records import LightSample
+from jaxrt.sampling import cone_of_sphere, sample_cone
+
+
+@pytree
+class Lights:
+    """All lights of a scene. `radius` is None when every light is a point."""
+
+    position: Array  # (n, 3) scene units
+    intensity: Array  # (n, 3) W·sr⁻¹
+    radius: Array | None  # (n,) scene units, >= 0
+
+
+@pytree
+class LightTable:
+    """Lights as the path reads them."""
+
+    lights: Lights
+    pick: Array | None  # (n,) cumulative probability of each light, by power; None when there is one light
+
+
+def light_table(lights: Lights) -> LightTable:
+    """Return the lights with the probabilities to pick them: by power, equal where all are dark. No derivative."""
+    n = lights.intensity.shape[0]
+    if n == 1:
+        return LightTable(lights, None)
+    power = lax.stop_gradient(jnp.sum(lights.intensity, -1))
+    power = jnp.where(jnp.sum(power) > 0, power, 1)
+    # A light of no power keeps a small chance, so that its intensity has a derivative
+    share = 0.99 * power / jnp.sum(power) + 0.01 / n
+    return LightTable(lights, jnp.cumsum(share).at[-1].set(1))
+
+
+def _pick_light(table: LightTable, u: Array) -> tuple[Array, Array, Array]:
+    """Return (light, its probability, the number u made uniform again)."""
+    if table.pick is None:
+        return jnp.int32(0), jnp.ones_like(u), u
+    cumulative = table.pick.astype(u.dtype)
+    light = jnp.minimum(jnp.sum(u >= cumulative).astype(jnp.int32), cumulative.shape[0] - 1)
+    below = jnp.where(light > 0, cumulative[jnp.maximum(light - 1, 0)], 0)
+    share = cumulative[light] - below
+    return light, share, jnp.clip((u - below) / share, 0, 1 - 2 * unit_roundoff(u))
+
+
+def sample_light(table: LightTable, point: Array, u: tuple[Array, Array]) -> LightSample:
+    """Return a light sample for a point: one light, and for a sphere one direction uniform in the cone it fills.
+
+    A point inside a sphere light gets nothing from it. The irradiance is divided by the light's probability.
+    """
+    lights = table.lights
+    light, share, u0 = _pick_light(table, u[0])
+    position, intensity = lights.position[light], lights.intensity[light]
+    toward = position - point
+    squared = dot(toward, toward)
+    distance = safe_sqrt(squared)
+    axis = normalize(toward)
+    rounding = 8 * unit_roundoff(point) * (jnp.sum(jnp.abs(position)) + distance)
+    if lights.radius is None:
+        return LightSample(axis, distance - rounding, intensity * safe_divide(1 / share, squared), light)
+    s = safe_divide(lights.radius[light], distance)
+    s2 = jnp.minimum(s * s, 1)
+    outside = s < 1
+    x = cone_of_sphere(s2)
+    direction = sample_cone(axis, x, (u0, u[1]))
+    # Where the direction meets the light: d (cosα − √(s² − sin²α)), with 1 − cosα as the variable
+    one_minus_cos = x * u[1]
+    gap = safe_sqrt(s2 - one_minus_cos * (2 - one_minus_cos))
+    near = distance * (1 - one_minus_cos - gap)
+    root = safe_sqrt(1 - s2)
+    irradiance = intensity * jnp.where(outside, safe_divide(2 / share, squared * (1 + root)), 0)
+    return LightSample(direction, near - rounding, irradiance, light)
+
+
+def emitted_radiance(lights: Lights, light: Array) -> Array:
+    """Return the radiance (3,) W·sr⁻¹·m⁻² that sphere light number `light` sends out from its surface."""
+    assert lights.radius is not None
+    r = lights.radius[light]
+    return lights.intensity[light] * safe_divide(jnp.ones_like(r), jnp.pi * r * r)

@@ -1,0 +1,97 @@
+"""Run a function of (operands, packet index) for many packets as ONE native CPU kernel.
+
+XLA's CPU backend dispatches each operation as a kernel of its own and streams every intermediate through memory. A
+call tagged as small is compiled whole instead: the loop over packets, and all loops inside, become one LLVM function
+whose intermediates stay in the first-level cache. Other backends ignore the tag.
+
+This file knows nothing of rendering.
+"""
+
+import contextlib
+import functools
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+from jax.experimental.xla_metadata import set_xla_metadata
+
+Operands = TypeVar("Operands")
+Result = TypeVar("Result")
+
+
+def map_packets(f: Callable[[Operands, Array], Result], operands: Operands, packets: Array) -> Result:
+    """Return `f(operands, packet)` for each of `packets`, stacked along a new leading axis, from one native loop.
+
+    packets: (n,) int32. `f` may loop, branch and gather; scatter, sort and custom calls have no native form on a CPU
+    and make compilation fail. Must be called under `jax.jit`, where the tag is kept.
+    """
+    parcels, unpack = _pack(operands)
+
+    def loop(parcels: dict[str, Array], packets: Array) -> Result:
+        operands = unpack(parcels)
+        return lax.map(lambda packet: f(operands, packet), packets)
+
+    return _native(loop, parcels, packets)
+
+
+def once(f: Callable[..., Result]) -> Callable[..., Result]:
+    """Return f as a stage of a native kernel: its results are computed once and kept, however many uses they have.
+
+    Without it, XLA's CPU backend computes a value anew in each operation that uses it, and their number multiplies from
+    stage to stage.
+    """
+
+    @functools.wraps(f)
+    def stage(*operands: Any) -> Result:
+        return _native(f, *operands)
+
+    return stage
+
+
+@contextlib.contextmanager
+def plain() -> Iterator[None]:
+    """Leave out the tags of what is traced inside: for packets of many lanes, as accelerators want them.
+
+    A CPU would split their operations over threads, which a native kernel cannot ("Fusion kind not implemented").
+    """
+    token = _tagged.set(False)
+    try:
+        yield
+    finally:
+        _tagged.reset(token)
+
+
+_tagged = ContextVar("tagged", default=True)
+
+
+def _native(f: Callable[..., Result], *operands: Any) -> Result:
+    if not _tagged.get():
+        return f(*operands)
+    return set_xla_metadata(jax.jit(f)(*operands), xla_cpu_small_call="true", inlineable="false")
+
+
+def _pack(tree: Operands) -> tuple[dict[str, Array], Callable[[dict[str, Array]], Operands]]:
+    """Return the leaves in one flat array for each dtype, and the function that takes them apart again.
+
+    A tagged call with an operand that turns out unused aborts the process (jaxlib 0.10.1: "All or none of the slices
+    should have an explicit index"). An array that holds everything is never unused.
+    """
+    leaves, structure = jax.tree.flatten(tree)
+    groups: dict[str, list[Any]] = {}
+    for leaf in leaves:
+        groups.setdefault(str(leaf.dtype), []).append(leaf)
+    parcels = {kind: jnp.concatenate([leaf.ravel() for leaf in group]) for kind, group in groups.items()}
+    shapes = [(str(leaf.dtype), leaf.shape, leaf.size) for leaf in leaves]
+
+    def unpack(parcels: dict[str, Array]) -> Operands:
+        start = dict.fromkeys(parcels, 0)
+        parts = []
+        for kind, shape, size in shapes:
+            parts.append(lax.slice(parcels[kind], (start[kind],), (start[kind] + size,)).reshape(shape))
+            start[kind] += size
+        return jax.tree.unflatten(structure, parts)
+
+    return parcels, unpack

@@ -1,0 +1,146 @@
+"""The radiance along one camera ray: a walk of `max_depth` scattering events, with light sampling at diffuse ones."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxrt.camera import CameraFrame, camera_frame
+from jaxrt.lights import LightTable, emitted_radiance, light_table, sample_light
+from jaxrt.materials import Materials, scatter
+from jaxrt.maths import dot, face_forward
+from jaxrt.native import once
+from jaxrt.pytree import pytree, static
+from jaxrt.records import Hit, Ray, SurfacePoint
+from jaxrt.scene import Scene
+from jaxrt.shapes import Geometry, Spheres, find, geometry_of, leave, occluded, surface_point
+
+Numbers = Callable[[int | Array], tuple[Array, Array, Array, Array]]  # decision block -> four numbers in [0, 1)
+
+
+@pytree
+class Tables:
+    """The scene as the kernel reads it: derived once per render, differentiable in the scene."""
+
+    camera: CameraFrame
+    geometry: Geometry  # spheres, then sphere lights, then triangles
+    occluders: Geometry  # what blocks shadow rays: a scene's only light cannot block its own
+    materials: Materials
+    lights: LightTable | None
+    environment: Array | None  # (3,)
+    first_light: int = static()  # sphere row of the first sphere light
+
+
+@pytree
+class Walk:
+    """A path under way."""
+
+    ray: Ray
+    throughput: Array  # (3,)
+    radiance: Array  # (3,) gathered so far
+    specular: Array  # () bool: the ray comes from the camera, a mirror or glass, so that it may see sphere lights
+
+
+def tables_of(scene: Scene) -> Tables:
+    """Return the tables of a scene."""
+    lights = scene.lights
+    alone = lights is not None and lights.position.shape[0] == 1
+    geometry = geometry_of(_with_light_spheres(scene), scene.triangles)
+    return Tables(
+        camera=camera_frame(scene.camera),
+        geometry=geometry,
+        occluders=geometry_of(scene.spheres, scene.triangles) if alone else geometry,
+        materials=scene.materials,
+        lights=None if lights is None else light_table(lights),
+        environment=scene.environment,
+        first_light=0 if scene.spheres is None else scene.spheres.radius.shape[0],
+    )
+
+
+def _with_light_spheres(scene: Scene) -> Spheres | None:
+    """Return the spheres followed by the sphere lights, whose material rows follow those of the materials."""
+    lights, spheres = scene.lights, scene.spheres
+    if lights is None or lights.radius is None:
+        return spheres
+    power = jnp.sum(lights.position * lights.position, -1) - lights.radius * lights.radius
+    rows = sum(scene.materials.counts) + jnp.arange(lights.radius.shape[0], dtype=jnp.int32)
+    if spheres is None:
+        return Spheres(lights.position, lights.radius, power, rows)
+    return Spheres(
+        jnp.concatenate([spheres.center, lights.position]),
+        jnp.concatenate([spheres.radius, lights.radius]),
+        jnp.concatenate([spheres.power, power]),
+        jnp.concatenate([spheres.material, rows]),
+    )
+
+
+def radiance(tables: Tables, ray: Ray, numbers: Numbers, max_depth: int, unroll: bool) -> Array:
+    """Return the radiance (3,) that comes in along a camera ray, in W·sr⁻¹·m⁻².
+
+    numbers: block k gives the four numbers of event k (light pair, direction pair); block 0 belongs to the camera.
+    unroll: all events in a row, or one event in a scan: the same numbers, another program.
+    """
+    ones = jnp.ones_like(ray.origin)
+    walk = Walk(ray, ones, jnp.zeros_like(ones), jnp.ones((), bool))
+    if tables.geometry.spheres is None and tables.geometry.triangles is None:
+        return ones * 0 if tables.environment is None else tables.environment
+    if unroll:
+        for k in range(1, max_depth + 1):
+            walk = _event(tables, walk, numbers(k))
+    else:
+        blocks = jnp.arange(1, max_depth + 1)
+        walk, _ = lax.scan(lambda walk, k: (_event(tables, walk, numbers(k)), None), walk, blocks)
+    return _last_look(tables, walk)
+
+
+def _event(tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array]) -> Walk:
+    """Return the path one scattering event on."""
+    hit = once(find)(tables.geometry, walk.ray)
+    point = once(surface_point)(tables.geometry, walk.ray, hit)
+    walk = _see(tables, walk, hit, point)
+    wo = -walk.ray.direction
+    scattering = once(scatter)(tables.materials, point.material, point.normal, wo, u[2:])
+    gathered = walk.radiance
+    # Sample direct light
+    if tables.lights is not None and scattering.albedo is not None:
+        lit = hit.valid & scattering.diffuse
+        direct = _direct(tables, point, face_forward(point.normal, wo), u[:2])
+        gathered = gathered + jnp.where(lit, walk.throughput * scattering.albedo * direct, 0)
+    # Go on
+    throughput = jnp.where(hit.valid, walk.throughput * scattering.weight, 0)
+    return Walk(once(leave)(point, scattering.direction), throughput, gathered, scattering.specular)
+
+
+def _direct(tables: Tables, point: SurfacePoint, facing: Array, u: tuple[Array, ...]) -> Array:
+    """Return the light (3,) that one light sample brings to a diffuse point, to be multiplied by its albedo."""
+    assert tables.lights is not None
+    sample = once(sample_light)(tables.lights, point.position, (u[0], u[1]))
+    cosine = dot(facing, sample.direction)
+    crowd = tables.lights.pick is not None and tables.lights.lights.radius is not None
+    skip = tables.first_light + sample.light if crowd else None
+    blocked = occluded(tables.occluders, once(leave)(point, sample.direction), sample.distance, skip)
+    return jnp.where(blocked | (cosine <= 0), 0, sample.irradiance * (cosine / jnp.pi))
+
+
+def _see(tables: Tables, walk: Walk, hit: Hit, point: SurfacePoint) -> Walk:
+    """Return the walk with the light added that the ray runs into: the environment, or a sphere light's outside."""
+    seen = jnp.zeros_like(walk.radiance)
+    if tables.environment is not None:
+        seen = jnp.where(hit.valid, seen, tables.environment)
+    lights = None if tables.lights is None else tables.lights.lights
+    if lights is not None and lights.radius is not None:
+        row = point.material - sum(tables.materials.counts)
+        shines = hit.valid & (row >= 0) & walk.specular & (dot(point.normal, walk.ray.direction) < 0)
+        seen = jnp.where(shines, emitted_radiance(lights, jnp.maximum(row, 0)), seen)
+    return replace(walk, radiance=walk.radiance + walk.throughput * seen)
+
+
+def _last_look(tables: Tables, walk: Walk) -> Array:
+    """Return the walk's radiance with what its last ray sees, where it can see anything at all."""
+    can_shine = tables.lights is not None and tables.lights.lights.radius is not None
+    specular = tables.materials.mirror is not None or tables.materials.glass is not None
+    if tables.environment is None and not (can_shine and specular):
+        return walk.radiance
+    hit = once(find)(tables.geometry, walk.ray)
+    return _see(tables, walk, hit, once(surface_point)(tables.geometry, walk.ray, hit)).radiance

@@ -1,0 +1,26 @@
+"""The one record mechanism: frozen dataclasses that JAX sees as pytrees."""
+
+import dataclasses
+from typing import Any, TypeVar, cast, dataclass_transform
+
+import jax
+
+T = TypeVar("T")
+
+
+def static(**options: Any) -> Any:
+    """Return a dataclass field that belongs to the pytree's structure: hashable, part of the jit key, no leaf."""
+    return dataclasses.field(metadata={"static": True}, **options)
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(static, dataclasses.field))
+def pytree(cls: type[T]) -> type[T]:
+    """Return `cls` as a frozen dataclass whose fields are pytree children, except those made by `static`.
+
+    No validation happens here: JAX rebuilds records from tracers and placeholders. `scene.build` validates.
+    """
+    record = dataclasses.dataclass(frozen=True)(cls)
+    fields = dataclasses.fields(cast(Any, record))
+    meta = [f.name for f in fields if f.metadata.get("static")]
+    data = [f.name for f in fields if not f.metadata.get("static")]
+    return jax.tree_util.register_dataclass(record, data_fields=data, meta_fields=meta)

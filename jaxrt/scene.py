@@ -1,0 +1,151 @@
+"""From a description to a scene.
+
+`build` is the only place where names become indices, and the only one that can refuse a scene.
+"""
+
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import DTypeLike
+
+from jaxrt.camera import Camera
+from jaxrt.checks import check_memory, warnings_of
+from jaxrt.description import (
+    CameraDescription,
+    RenderDefaults,
+    SceneDescription,
+    SceneWarning,
+    parse_description,
+)
+from jaxrt.lights import Lights
+from jaxrt.materials import Diffuse, Glass, Materials, Mirror
+from jaxrt.pytree import pytree, static
+from jaxrt.shapes import Spheres, Triangles
+
+
+@pytree
+class Scene:
+    """What is there: a pytree of float arrays and integer topology. Kinds of things that are absent are None."""
+
+    camera: Camera
+    spheres: Spheres | None
+    triangles: Triangles | None
+    materials: Materials
+    lights: Lights | None
+    environment: Array | None  # (3,) radiance W·sr⁻¹·m⁻² from every direction
+    albedo_order: Array  # (m,) int32 row among (diffuse, then mirror) of each albedo in the order of the scene file
+    origin: tuple[float, float, float] = static()  # user's coordinates of this scene's origin
+    defaults: RenderDefaults = static()  # what `render` uses for spp and max_depth when not told
+
+
+def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = jnp.float32) -> Scene:
+    """Return the scene that a description, or a mapping shaped like a scene file, tells of.
+
+    dtype: float32, or float64 under `jax_enable_x64`. A far-off scene is moved to the origin in float64 first, since
+    float32 coordinates near 1e6 are 1/16 apart. Raises SceneError; warns SceneWarning of what is probably a mistake.
+    """
+    if not isinstance(description, SceneDescription):
+        description = parse_description(description)
+    check_memory(description.camera.width, description.camera.height)
+    for message in warnings_of(description):
+        warnings.warn(message, SceneWarning, stacklevel=2)
+    origin = _origin(description)
+    materials, rows, order = _materials(description, dtype)
+    environment = description.environment
+    return Scene(
+        camera=_camera(description.camera, origin, dtype),
+        spheres=_spheres(description, rows, origin, dtype),
+        triangles=_triangles(description, rows, origin, dtype),
+        materials=materials,
+        lights=_lights(description, origin, dtype),
+        environment=None if environment is None else jnp.asarray(environment.radiance, dtype),
+        albedo_order=jnp.asarray(order, jnp.int32),
+        origin=tuple(origin.tolist()),
+        defaults=description.render,
+    )
+
+
+def _origin(scene: SceneDescription) -> np.ndarray:
+    """Return the middle of camera, lights, triangles and all but huge spheres if it is far off, else zeros."""
+    eye = np.asarray(scene.camera.position, float)
+    points = [eye, *(np.asarray(light.position, float) for light in scene.lights)]
+    points += [np.asarray(corner, float) for t in scene.triangles for corner in t.vertices]
+    for sphere in scene.spheres:
+        center = np.asarray(sphere.center, float)
+        if 2 * sphere.radius < np.linalg.norm(center - eye):
+            points += [center - sphere.radius, center + sphere.radius]
+    low, high = np.min(points, axis=0), np.max(points, axis=0)
+    middle = (low + high) / 2
+    return middle if np.linalg.norm(middle) > 8 * np.linalg.norm(high - low) else np.zeros(3)
+
+
+def _camera(camera: CameraDescription, origin: np.ndarray, dtype: DTypeLike) -> Camera:
+    position = np.asarray(camera.position, float)
+    target = position + [0, 0, -1] if camera.target is None else np.asarray(camera.target, float)
+    return Camera(
+        position=jnp.asarray(position - origin, dtype),
+        target=jnp.asarray(target - origin, dtype),
+        up=jnp.asarray(camera.up, dtype),
+        fov=jnp.asarray(camera.fov, dtype),
+        width=camera.width,
+        height=camera.height,
+    )
+
+
+def _materials(scene: SceneDescription, dtype: DTypeLike) -> tuple[Materials, dict[str, int], list[int]]:
+    """Return the materials by kind, the row of each name, and the row of each albedo in file order."""
+    kinds: dict[str, list[str]] = {"diffuse": [], "mirror": [], "glass": []}
+    for name, material in scene.materials.items():
+        kinds[material.type].append(name)
+    rows = {name: row for row, name in enumerate(name for names in kinds.values() for name in names)}
+
+    def values(kind: str, field: str) -> Array | None:
+        picked = [getattr(scene.materials[name], field) for name in kinds[kind]]
+        return jnp.asarray(picked, dtype) if picked else None
+
+    diffuse, mirror, ior = values("diffuse", "albedo"), values("mirror", "albedo"), values("glass", "ior")
+    materials = Materials(
+        None if diffuse is None else Diffuse(diffuse),
+        None if mirror is None else Mirror(mirror),
+        None if ior is None else Glass(ior),
+    )
+    return materials, rows, [rows[name] for name, m in scene.materials.items() if m.type != "glass"]
+
+
+def _spheres(
+    scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, dtype: DTypeLike
+) -> Spheres | None:
+    if not scene.spheres:
+        return None
+    # Round first: the power must be that of the sphere that the kernels see
+    center = np.asarray(np.asarray([s.center for s in scene.spheres], float) - origin, dtype)
+    radius = np.asarray([s.radius for s in scene.spheres], dtype)
+    power = np.sum(center.astype(float) ** 2, -1) - radius.astype(float) ** 2
+    material = jnp.asarray([rows[s.material] for s in scene.spheres], jnp.int32)
+    return Spheres(jnp.asarray(center), jnp.asarray(radius), jnp.asarray(power, dtype), material)
+
+
+def _triangles(
+    scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, dtype: DTypeLike
+) -> Triangles | None:
+    if not scene.triangles:
+        return None
+    vertices = np.asarray([t.vertices for t in scene.triangles], float).reshape(-1, 3) - origin
+    faces = jnp.arange(len(vertices), dtype=jnp.int32).reshape(-1, 3)
+    material = jnp.asarray([rows[t.material] for t in scene.triangles], jnp.int32)
+    return Triangles(jnp.asarray(vertices, dtype), faces, material)
+
+
+def _lights(scene: SceneDescription, origin: np.ndarray, dtype: DTypeLike) -> Lights | None:
+    if not scene.lights:
+        return None
+    position = np.asarray([light.position for light in scene.lights], float) - origin
+    intensity = jnp.asarray([light.intensity for light in scene.lights], dtype)
+    radius = np.asarray([light.radius for light in scene.lights], float)
+    return Lights(
+        jnp.asarray(position, dtype), intensity, jnp.asarray(radius, dtype) if radius.any() else None
+    )

@@ -1,0 +1,103 @@
+"""All shapes of a scene behind three functions: `find`, `occluded`, `surface_point`.
+
+`find` and `occluded` say which primitive is hit, as indices without derivative. `surface_point` recomputes where, in
+closed form from the index: that is what derivatives flow through.
+
+Primitives are numbered: spheres, then sphere lights, then triangles.
+"""
+
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxrt.maths import FAR, dot, sign_or_one
+from jaxrt.pytree import pytree
+from jaxrt.records import Hit, Ray, SurfacePoint
+from jaxrt.shapes.sphere import (
+    Spheres,
+    SphereTable,
+    find_sphere,
+    occluded_by_sphere,
+    sphere_surface_point,
+    sphere_table,
+)
+from jaxrt.shapes.triangle import (
+    Triangles,
+    TriangleTable,
+    find_triangle,
+    occluded_by_triangle,
+    triangle_surface_point,
+    triangle_table,
+)
+
+__all__ = ["Geometry", "Spheres", "Triangles", "find", "geometry_of", "leave", "occluded", "surface_point"]
+
+
+@pytree
+class Geometry:
+    """Everything a ray can hit; a kind of shape that the scene lacks is None."""
+
+    spheres: SphereTable | None
+    triangles: TriangleTable | None
+
+
+def geometry_of(spheres: Spheres | None, triangles: Triangles | None) -> Geometry:
+    """Return the tables that the three functions read."""
+    return Geometry(
+        None if spheres is None else sphere_table(spheres),
+        None if triangles is None else triangle_table(triangles),
+    )
+
+
+def find(geometry: Geometry, ray: Ray) -> Hit:
+    """Return what the ray hits first. No derivative passes through."""
+    geometry, ray = lax.stop_gradient((geometry, ray))
+    distance, index = jnp.full((), FAR, ray.origin.dtype), jnp.int32(-1)
+    if geometry.spheres is not None:
+        distance, index = find_sphere(geometry.spheres, ray, distance)
+    if geometry.triangles is not None:
+        _, row = find_triangle(geometry.triangles, ray, distance)
+        index = jnp.where(row >= 0, row + _first_triangle(geometry), index)
+    return Hit(jnp.maximum(index, 0), index >= 0)
+
+
+def occluded(geometry: Geometry, ray: Ray, distance: Array, skip: Array | None = None) -> Array:
+    """Return whether anything but sphere row `skip` lies on the ray closer than `distance`."""
+    geometry, ray, distance = lax.stop_gradient((geometry, ray, distance))
+    blocked = jnp.zeros((), bool)
+    if geometry.spheres is not None:
+        blocked = occluded_by_sphere(geometry.spheres, ray, distance, skip)
+    if geometry.triangles is not None:
+        blocked = blocked | occluded_by_triangle(geometry.triangles, ray, distance)
+    return blocked
+
+
+def surface_point(geometry: Geometry, ray: Ray, hit: Hit) -> SurfacePoint:
+    """Return the point where the ray meets primitive `hit.index`; finite, but meaningless, where nothing is hit."""
+    if geometry.triangles is None:
+        assert geometry.spheres is not None
+        return sphere_surface_point(geometry.spheres, ray, hit.index)
+    if geometry.spheres is None:
+        return triangle_surface_point(geometry.triangles, ray, hit.index)
+    first = _first_triangle(geometry)
+    on_sphere = hit.index < first
+    a = sphere_surface_point(geometry.spheres, ray, jnp.minimum(hit.index, first - 1))
+    b = triangle_surface_point(geometry.triangles, ray, jnp.maximum(hit.index - first, 0))
+    return SurfacePoint(*(jnp.where(on_sphere, x, y) for x, y in zip(_fields(a), _fields(b), strict=True)))
+
+
+def leave(point: SurfacePoint, direction: Array) -> Ray:
+    """Return the ray from a surface point, its origin moved off the surface by the point's own rounding bound.
+
+    The move is along the geometric normal, to the side the ray goes to, and carries no derivative
+    (Pharr et al., Physically Based Rendering, 4th ed., §6.8.6; ours is bounded by the coordinates' size).
+    """
+    side = sign_or_one(dot(point.normal, direction))
+    return Ray(point.position + lax.stop_gradient(side * point.error * point.normal), direction)
+
+
+def _fields(p: SurfacePoint) -> tuple[Array, Array, Array, Array]:
+    return p.position, p.normal, p.error, p.material
+
+
+def _first_triangle(geometry: Geometry) -> int:
+    return 0 if geometry.spheres is None else geometry.spheres.radius.shape[0]

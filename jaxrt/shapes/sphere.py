@@ -1,0 +1,166 @@
+"""Spheres: nearest hit, any hit and the surface point, right for walls of radius 1e6 and for small far balls.
+
+With f = o − c and b = f·d, the roots of t² + 2bt + (f·f − r²) = 0 lose their digits in two places, and each has two
+forms of which one is good.
+
+* The power f·f − r² of the origin cancels when a huge sphere passes close by. With k = c·c − r² rounded once from
+  float64, o·(o − 2c) + k is as exact as the coordinates themselves. Spheres with r > |c|/2 use it: for any point p on
+  such a sphere its rounding error exceeds that of the usual form by a small factor at most, and by 1/r near the origin
+  it is far below. Others use f·f − r².
+* The discriminant is b² − power near the sphere, and r² − |f − b d|² far from it (Haines et al., Ray Tracing Gems
+  2019, ch. 7), where b² would cancel.
+
+The smaller root comes from the larger one by t₁t₂ = power.
+"""
+
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxrt.maths import FAR, dot, grad_only, normalize, safe_divide, safe_sqrt, unit_roundoff
+from jaxrt.native import once
+from jaxrt.pytree import pytree
+from jaxrt.records import Ray, SurfacePoint
+
+
+@pytree
+class Spheres:
+    """What the user owns, plus one derived number: the power, which float32 cannot recompute for a huge sphere."""
+
+    center: Array  # (n, 3) scene units
+    radius: Array  # (n,) scene units, > 0
+    power: Array  # (n,) |center|² − radius², computed in float64 by `build`; carries no derivative of its own
+    material: Array  # (n,) int32
+
+
+@pytree
+class SphereTable:
+    """Spheres as the intersection loop reads them: power = (o − base)·(f − shift) + constant."""
+
+    center: Array  # (n, 3)
+    radius: Array  # (n,)
+    base: Array  # (n, 3) origin of coordinates for the power: 0 for huge spheres, else the centre
+    shift: Array  # (n, 3) center − base
+    constant: Array  # (n,)
+    material: Array  # (n,) int32
+
+
+def sphere_table(spheres: Spheres) -> SphereTable:
+    """Return the rows that `find_sphere` and `occluded_by_sphere` read; derivatives go to centre and radius only."""
+    c, r = spheres.center, spheres.radius
+    squared = jnp.sum(c * c, -1)
+    huge = r * r > squared / 4
+    power = lax.stop_gradient(spheres.power) + grad_only(squared - r * r)
+    base = jnp.where(huge[:, None], 0, c)
+    return SphereTable(c, r, base, jnp.where(huge[:, None], c, 0), jnp.where(huge, power, -r * r), spheres.material)
+
+
+Row = tuple[Array, Array, Array, Array, Array]  # center, radius, base, shift, constant
+
+
+def _row(table: SphereTable, i: Array) -> Row:
+    return table.center[i], table.radius[i], table.base[i], table.shift[i], table.constant[i]
+
+
+def _power(row: Row, p: Array) -> Array:
+    """Return |p − c|² − r² of a point p, in the form that is exact for this sphere."""
+    center, _, base, shift, constant = row
+    return dot(p - base, p - center - shift) + constant
+
+
+def _roots(row: Row, ray: Ray) -> tuple[Array, Array, Array]:
+    """Return (b, power, discriminant) of the quadratic for the distance along the ray."""
+    radius = row[1]
+    f = ray.origin - row[0]
+    b = dot(f, ray.direction)
+    power = _power(row, ray.origin)
+    away = f - b * ray.direction
+    near = b * b < radius * radius
+    return b, power, jnp.where(near, b * b - power, radius * radius - dot(away, away))
+
+
+def _distance(row: Row, ray: Ray) -> Array:
+    """Return the smallest positive distance to the sphere, FAR if there is none. No derivative is taken of it."""
+    b, power, discriminant = _roots(row, ray)
+    larger = jnp.abs(b) + jnp.sqrt(jnp.maximum(discriminant, 0))
+    hit = (discriminant > 0) & ((power < 0) | (b < 0))
+    chord_ahead = (power < 0) & (b < 0)
+    return jnp.where(hit, jnp.where(chord_ahead, larger, jnp.abs(power) / larger), FAR)
+
+
+def find_sphere(table: SphereTable, ray: Ray, farthest: Array) -> tuple[Array, Array]:
+    """Return (distance, row) of the nearest sphere closer than `farthest`; row −1 and `farthest` if there is none."""
+
+    def closer(i: Array, best: tuple[Array, Array]) -> tuple[Array, Array]:
+        t = once(_distance)(_row(table, i), ray)
+        nearer = t < best[0]
+        return jnp.where(nearer, t, best[0]), jnp.where(nearer, i, best[1])
+
+    return lax.fori_loop(0, table.radius.shape[0], closer, (farthest, jnp.int32(-1)))
+
+
+def occluded_by_sphere(table: SphereTable, ray: Ray, farthest: Array, skip: Array | None) -> Array:
+    """Return whether any sphere but row `skip` is hit closer than `farthest`."""
+
+    def blocks(i: Array, blocked: Array) -> Array:
+        block = _distance(_row(table, i), ray) < farthest
+        return blocked | (block if skip is None else block & (i != skip))
+
+    return lax.fori_loop(0, table.radius.shape[0], blocks, jnp.zeros((), bool))
+
+
+def sphere_surface_point(table: SphereTable, ray: Ray, i: Array) -> SurfacePoint:
+    """Return where the ray meets sphere `i`, in closed form and differentiable in sphere and ray.
+
+    A ray that misses gets some finite point. One Newton step puts the point on the sphere to within `error`.
+    """
+    row = once(_row)(table, i)
+    t = once(_distance_to_surface)(row, ray)
+    p = once(_onto_sphere)(row, ray.origin + t * ray.direction)
+    return SurfacePoint(p, normalize(p - row[0]), sphere_error(row, p), table.material[i])
+
+
+def _distance_to_surface(row: Row, ray: Ray) -> Array:
+    """Return the distance that `_distance` finds, differentiable, and finite where there is none."""
+    b, power, discriminant = _roots(row, ray)
+    root = safe_sqrt(discriminant)
+    return jnp.where((power < 0) & (b < 0), root - b, jnp.abs(safe_divide(power, jnp.abs(b) + root)))
+
+
+def _onto_sphere(row: Row, p: Array) -> Array:
+    """Return p moved along the normal onto the sphere: c + (p − c) r/m, m = |p − c|, written without its rounding."""
+    center, radius, _, _, _ = row
+    power = _power(row, p)
+    m = safe_sqrt(radius * radius + power)
+    return p - (p - center) * safe_divide(power, m * (m + radius))
+
+
+def sphere_error(row: Row, p: Array) -> Array:
+    """Return a bound on the distance from a point computed on the sphere to the sphere, without derivative.
+
+    8u times the terms that the power sums, over its slope 2r, plus the rounding of the coordinates.
+    """
+    center, radius, base, shift, constant = map(lax.stop_gradient, row)
+    p = lax.stop_gradient(p)
+    terms = dot(jnp.abs(p - base), jnp.abs(p) + jnp.abs(center) + jnp.abs(shift)) + jnp.abs(constant)
+    return 8 * unit_roundoff(p) * (terms / (2 * radius) + jnp.sum(jnp.abs(p)))
+
+
+def exact_power(center: Array, radius: Array) -> Array:
+    """Return |center|² − radius² of each sphere, rounded once, without derivative. center: (n, 3), radius: (n,).
+
+    Each factor is split into two halves whose products are exact, so that no compiler's choice between rounding a
+    product and fusing it matters; the products are summed with their rounding errors (Ogita, Rump and Oishi 2005).
+    """
+    factors = lax.stop_gradient(jnp.concatenate([center, radius[:, None]], -1))
+    word, cut = (jnp.uint32, 12) if factors.dtype == jnp.float32 else (jnp.uint64, 27)
+    bits = lax.bitcast_convert_type(factors, word)
+    high = lax.bitcast_convert_type(bits >> cut << cut, factors.dtype)
+    low = factors - high
+    signs = jnp.asarray([[1, 1, 1, -1]], factors.dtype)
+    terms = jnp.concatenate([signs * high * high, 2 * signs * high * low, signs * low * low], -1)
+    total, error = jnp.zeros_like(radius), jnp.zeros_like(radius)
+    for term in jnp.moveaxis(terms, -1, 0):
+        new = total + term
+        part = new - total
+        error, total = error + ((total - (new - part)) + (term - part)), new
+    return total + error

@@ -1,0 +1,16 @@
+"""Strictness for all tests, and the scenes that many of them share."""
+
+import jax
+import pytest
+
+import jaxrt
+
+jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+jaxrt.use_cpu_cores(2)
+
+
+@pytest.fixture(scope="session")
+def room() -> jaxrt.Scene:
+    """The README's room."""
+    return jaxrt.load_scene("scenes/room.toml")

@@ -1,0 +1,76 @@
+"""Imports point down: a module imports only from lower layers, or from its own package."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+LAYERS = [
+    {"pytree", "native"},
+    {"maths", "sampling", "samplers", "color", "description"},
+    {"records", "checks"},
+    {"shapes"},
+    {"materials", "lights", "camera"},
+    {"scene"},
+    {"parameters", "path"},
+    {"render"},
+    {"io", "summary"},
+    {"cli"},
+    {"__init__", "__main__"},
+]
+ROOMS = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}
+PACKAGE = Path("jaxrt")
+MODULES = sorted(PACKAGE.rglob("*.py"))
+
+
+def room_of(module: Path) -> str:
+    return module.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def imports_of(module: Path) -> set[str]:
+    """Return the rooms that a module imports from, lazy imports included, type-only ones not."""
+    rooms = set()
+    tree = ast.parse(module.read_text())
+    typing_only = [n for n in ast.walk(tree) if isinstance(n, ast.If) and "TYPE_CHECKING" in ast.dump(n.test)]
+    skipped = {id(n) for block in typing_only for n in ast.walk(block)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and id(node) not in skipped:
+            assert node.level == 0, f"{module}:{node.lineno}: relative import; write jaxrt.…"
+            if node.module and node.module.startswith("jaxrt."):
+                rooms.add(node.module.split(".")[1])
+    return rooms
+
+
+@pytest.mark.parametrize("module", MODULES, ids=str)
+def test_imports_point_down(module: Path) -> None:
+    room = room_of(module)
+    assert room in ROOMS, f"{module}: name its layer in LAYERS"
+    if room == "cli":  # the program sees everything
+        return
+    same_layer = LAYERS[0] | LAYERS[1]  # foundations may use each other
+    for other in imports_of(module) - {room}:
+        below = ROOMS[other] < ROOMS[room] or {room, other} <= same_layer
+        assert below, f"{module}: imports jaxrt.{other}, which is not in a lower layer"
+
+
+def test_foundations_have_no_cycle() -> None:
+    edges = {room_of(m): imports_of(m) for m in MODULES if room_of(m) in LAYERS[0] | LAYERS[1]}
+
+    def reach(room: str, seen: frozenset[str]) -> None:
+        assert room not in seen, f"import cycle through jaxrt.{room}"
+        for other in edges.get(room, set()):
+            reach(other, seen | {room})
+
+    for room in edges:
+        reach(room, frozenset())
+
+
+@pytest.mark.parametrize("module", MODULES, ids=str)
+def test_only_render_makes_many_rays_of_one(module: Path) -> None:
+    if module.name != "render.py":
+        assert "vmap(" not in module.read_text(), f"{module}: only render.py maps over lanes"
+
+
+@pytest.mark.parametrize("module", MODULES, ids=str)
+def test_files_stay_small(module: Path) -> None:
+    assert len(module.read_text().splitlines()) <= 400, f"{module}: split it"

@@ -1,0 +1,366 @@
+"""The command line: pictures appear, or one clear line does and nothing is written."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxrt import cli, summary
+from jaxrt.io.image import load_image, save_image
+from jaxrt.io.scene_file import read_description
+
+ROOT = Path(__file__).parents[1]
+SCENE = """
+[camera]
+position = [0, 0, 30]
+width    = 16
+height   = 12
+
+[render]
+spp       = 2
+max_depth = 1
+
+[materials.white]
+type   = "diffuse"
+albedo = [0.8, 0.8, 0.8]
+
+[[spheres]]
+center   = [0, 0, 0]
+radius   = 10
+material = "white"
+
+[[lights]]
+position  = [-10, 20, 30]
+intensity = 2000
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty working folder with ball.toml in it; the backend of the tests keeps its devices and cache."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cli, "_start_jax", lambda cores: None)
+    (tmp_path / "ball.toml").write_text(SCENE)
+    return tmp_path
+
+
+def run(capsys, *argv):
+    """Return the exit status and what went to stdout and stderr."""
+    status = cli.main([str(a) for a in argv])
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+def refused(capsys, folder, *argv):
+    """Return the one line of a refusal, having made sure that nothing was written."""
+    before = sorted(folder.iterdir())
+    status, out, err = run(capsys, *argv)
+    assert (status, out) == (2, "")
+    assert err.startswith("jaxrt: error: ") and err.count("\n") == 1 and err.endswith("\n")
+    assert sorted(folder.iterdir()) == before
+    return err.removeprefix("jaxrt: error: ").rstrip()
+
+
+def test_render_writes_the_picture_that_render_returns(folder, capsys):
+    import jaxrt
+
+    status, out, err = run(capsys, "render", "ball.toml", "-o", "ball.exr", "--seed", 3)
+    assert status == 0
+    pattern = (
+        r"ball\.exr: 16x12, 2 spp, max_depth 1, sobol: compile [\d.]+ s, render [\d.]+ s, [\d.]+ Mpaths/s"
+    )
+    assert re.match(pattern, out)
+    assert "2/2 spp" in err
+    picture = load_image(folder / "ball.exr")
+    expected = jaxrt.render(jaxrt.load_scene("ball.toml"), 3)
+    np.testing.assert_allclose(picture, expected, rtol=1e-6, atol=1e-7)
+    assert picture[6, 8].min() > 0.05 and picture[0, 0].max() == 0
+
+
+def test_the_default_output_is_a_png_in_the_current_folder(folder, capsys):
+    (folder / "deep").mkdir()
+    (folder / "ball.toml").rename(folder / "deep" / "ball.toml")
+    assert run(capsys, "render", "deep/ball.toml")[0] == 0
+    assert load_image(folder / "ball.png").shape == (12, 16, 3)
+    assert sorted(p.name for p in folder.iterdir()) == ["ball.png", "deep"]
+
+
+def test_arguments_override_the_file(folder, capsys):
+    options = ("--spp", 4, "--max-depth", 2, "--width", 8, "--height", 6, "--sampler", "independent")
+    status, out, _ = run(capsys, "render", "ball.toml", "-o", "a.exr", *options)
+    assert status == 0
+    assert out.startswith("a.exr: 8x6, 4 spp, max_depth 2, independent: ")
+    assert load_image("a.exr").shape == (6, 8, 3)
+
+
+def test_exposure_and_srgb_reach_the_file(folder, capsys):
+    for name, *options in (("a.exr",), ("b.exr", "--exposure", -1), ("c.png",), ("d.png", "--srgb")):
+        assert run(capsys, "render", "ball.toml", "-o", name, *options)[0] == 0
+    plain = load_image("a.exr")
+    np.testing.assert_array_equal(load_image("b.exr"), plain / 2)
+    np.testing.assert_allclose(load_image("c.png"), np.clip(plain, 0, 1), atol=6e-3)
+    np.testing.assert_allclose(load_image("d.png", srgb=True), np.clip(plain, 0, 1), atol=6e-3)
+
+
+def test_the_cores_are_all_usable_ones_unless_told(folder, capsys, monkeypatch):
+    asked = []
+    monkeypatch.setattr(cli, "_start_jax", asked.append)
+    run(capsys, "render", "ball.toml")
+    run(capsys, "render", "ball.toml", "--cores", 3)
+    assert asked == [cli._usable_cores(), 3]
+    monkeypatch.delattr(cli.os, "sched_getaffinity", raising=False)
+    assert cli._usable_cores() == (os.cpu_count() or 1)
+
+
+def test_jax_is_started_with_the_cores_and_a_cache(tmp_path, monkeypatch):
+    import jax
+
+    asked, options = [], {}
+    monkeypatch.setattr("jaxrt.use_cpu_cores", asked.append)
+    monkeypatch.setattr(jax.config, "update", options.__setitem__)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    with jax.enable_x64(False):
+        cli._start_jax(2)
+    assert asked == [2]
+    if jax.config.jax_compilation_cache_dir is None:
+        assert options["jax_compilation_cache_dir"] == str(tmp_path / "jaxrt")
+    assert (tmp_path / "jaxrt").is_dir()
+
+
+def test_warnings_are_one_line_each_and_no_error(folder, capsys):
+    (folder / "dark.toml").write_text(SCENE.split("[[lights]]")[0])
+    status, _, err = run(capsys, "render", "dark.toml")
+    assert status == 0
+    assert err.startswith("jaxrt: warning: no light and no environment: the picture is black, add [[lights]]")
+    assert load_image("dark.png").max() == 0
+
+
+def test_r4_sobol_warns_of_spp_that_is_no_power_of_two(folder, capsys):
+    _, _, err = run(capsys, "render", "ball.toml", "--spp", 3)
+    assert "jaxrt: warning: spp 3 is not a power of two: sobol is at its best with 2 or 4\n" in err
+    _, _, err = run(capsys, "render", "ball.toml", "--spp", 3, "--sampler", "independent")
+    assert "warning" not in err
+
+
+BAD_SCENES = [
+    ("radius   = 10", "radius   = nan", "spheres[0].radius: nan is not finite: write a finite number"),
+    ("radius   = 10", "radius   = 1e999", "spheres[0].radius: inf is not finite: write a finite number"),
+    ("radius   = 10", "radius   = 0", "spheres[0].radius: 0.0 is not > 0: use a positive radius"),
+    ("radius   = 10", "radius   = -1", "spheres[0].radius: -1.0 is not > 0: use a positive radius"),
+    (
+        "[0.8, 0.8, 0.8]",
+        "[0.8, 1.5, 0.8]",
+        "materials.white.albedo[1]: 1.5 is outside [0, 1]: choose an albedo",
+    ),
+    ("width    = 16", "fov = 0", "camera.fov: 0.0 is not between 0 and 180: choose degrees"),
+    ("width    = 16", "fov = 180", "camera.fov: 180.0 is not between 0 and 180: choose degrees"),
+    ("width    = 16", "width = 0", "camera.width: 0 is out of range: write an integer from 1"),
+    ("spp       = 2", "spp = 0", "render.spp: 0 is out of range: write an integer from 1"),
+    ("width    = 16", "up = [0, 0, 1]", "camera.up: (0.0, 0.0, 1.0) is parallel to the view: choose another"),
+    ("radius   = 10", "raduis = 10", 'spheres[0]: unknown key "raduis" (did you mean "radius"?)'),
+    ('material = "white"', 'material = "whit"', 'unknown material "whit" (did you mean "white"?)'),
+    ("[camera]", "[camera", "line 2, column 8: not valid TOML: "),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "message"), BAD_SCENES)
+def test_bad_scenes_are_refused_by_render_and_info(folder, capsys, old, new, message):
+    (folder / "bad.toml").write_text(SCENE.replace(old, new))
+    for command in ("render", "info"):
+        line = refused(capsys, folder, command, "bad.toml")
+        assert line.startswith("bad.toml: ") and message in line
+
+
+def test_missing_scenes_are_refused_with_the_nearest_name(folder, capsys):
+    line = refused(capsys, folder, "render", "bal.toml")
+    assert line == 'bal.toml: no such file (did you mean "ball.toml"?)'
+
+
+def test_i12_images_larger_than_memory_are_refused(folder, capsys):
+    line = refused(capsys, folder, "render", "ball.toml", "--width", 100_000, "--height", 100_000)
+    assert re.fullmatch(
+        r"ball\.toml: camera: image 100000x100000 needs [\d.]+ GiB, this machine has [\d.]+ GiB: "
+        r"lower width or height",
+        line,
+    )
+
+
+BAD_ARGUMENTS = [
+    ((), "the following arguments are required: COMMAND: see jaxrt --help"),
+    (("rendr", "ball.toml"), "invalid choice: 'rendr'"),
+    (("render",), "the following arguments are required: SCENE: see jaxrt render --help"),
+    (
+        ("render", "ball.toml", "--spp", "0"),
+        "argument --spp: 0 is out of range, use 1 to 2147483647: see jaxrt",
+    ),
+    (("render", "ball.toml", "--spp", "many"), 'argument --spp: "many" is not a whole number'),
+    (("render", "ball.toml", "--width", "0"), "argument --width: 0 is out of range"),
+    (("render", "ball.toml", "--height", "-1"), "argument --height: -1 is out of range"),
+    (("render", "ball.toml", "--max-depth", "0"), "argument --max-depth: 0 is out of range"),
+    (("render", "ball.toml", "--cores", "0"), "argument --cores: 0 is out of range"),
+    (("render", "ball.toml", "--seed", "-1"), "argument --seed: -1 is out of range, use 0 to 4294967295"),
+    (("render", "ball.toml", "--exposure", "nan"), "argument --exposure: nan is out of range"),
+    (("render", "ball.toml", "--exposure", "x"), 'argument --exposure: "x" is not a number'),
+    (("render", "ball.toml", "--sampler", "sobel"), 'unknown sampler "sobel" (did you mean "sobol"?)'),
+    (("render", "ball.toml", "--ssp", "3"), "unrecognized arguments: --ssp 3"),
+    (("render", "ball.toml", "-o", "a.jpg"), 'a.jpg: unknown suffix ".jpg": use .png or .exr'),
+    (("render", "ball.toml", "-o", "a"), "a: no suffix: use .png or .exr"),
+    (("render", "ball.toml", "-o", "no/a.png"), 'no/a.png: the folder "no" does not exist: make it first'),
+    (("diff", "x.png", "y.png"), "x.png: no such file: check the path"),
+    (("diff", "ball.toml", "y.png"), 'ball.toml: unknown suffix ".toml": use .png or .exr'),
+]
+
+
+@pytest.mark.parametrize(("argv", "message"), BAD_ARGUMENTS)
+def test_bad_arguments_are_refused(folder, capsys, argv, message):
+    assert message in refused(capsys, folder, *argv)
+
+
+def test_outputs_that_cannot_be_written_are_refused_before_rendering(folder, capsys, monkeypatch):
+    (folder / "a.png").mkdir()
+    assert "a.png: is a folder" in refused(capsys, folder, "render", "ball.toml", "-o", "a.png")
+    monkeypatch.setattr(cli.os, "access", lambda path, mode: False)
+    assert "is not writable: choose another" in refused(capsys, folder, "render", "ball.toml", "-o", "b.png")
+
+
+def test_failures_of_saving_are_one_line(folder, capsys, monkeypatch):
+    def full(source, target):
+        raise OSError(28, "No space left on device", "b.png")
+
+    monkeypatch.setattr("jaxrt.io.image.os.replace", full)
+    status, _, err = run(capsys, "render", "ball.toml", "-o", "b.png")
+    assert status == 2
+    assert err.endswith("jaxrt: error: b.png: No space left on device: choose another file\n")
+    assert [p.name for p in folder.iterdir()] == ["ball.toml"]
+
+
+@pytest.mark.parametrize("moment", ["jaxrt.cli._draw", "jaxrt.io.image.os.replace"])
+def test_ctrl_c_leaves_no_half_written_file(folder, capsys, monkeypatch, moment):
+    def interrupt(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(moment, interrupt)
+    status, out, err = run(capsys, "render", "ball.toml")
+    assert (status, out) == (130, "")
+    assert err.endswith("jaxrt: interrupted, nothing written\n")
+    assert [p.name for p in folder.iterdir()] == ["ball.toml"]
+
+
+@pytest.mark.parametrize("seconds_per_sample", [1e-4, 0.02, 3.0])
+def test_chunks_cover_every_sample_once(monkeypatch, seconds_per_sample):
+    clock, chunks, reports = [0.0], [], []
+
+    def draw(first, count):
+        clock[0] += seconds_per_sample * count
+        chunks.append((first, count))
+        return np.full((2, 3, 3), count, np.float32)
+
+    monkeypatch.setattr(cli.time, "perf_counter", lambda: clock[0])
+    total = cli._accumulate(draw, 1000, reports.append)
+    np.testing.assert_array_equal(total, np.full((2, 3, 3), 1000.0))
+    assert [first for first, _ in chunks] == [0, *np.cumsum([count for _, count in chunks])[:-1]]
+    assert reports[-1] == 1000
+    # Powers of two, of at most 5 s each unless a sample takes longer
+    assert all(count & (count - 1) == 0 for _, count in chunks[:-1])
+    assert max(count for _, count in chunks) * seconds_per_sample <= max(5, seconds_per_sample)
+
+
+def test_progress_is_a_bar_on_a_terminal(monkeypatch, capsys):
+    monkeypatch.setattr(cli.sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    with cli._progress(4) as report:
+        report(0)
+        report(4)
+    assert "4/4 spp" not in capsys.readouterr().err
+
+
+def test_info_tells_what_is_in_a_scene(folder, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    status, out, err = run(capsys, "info", ROOT / "scenes" / "seed" / "glass_ball.toml")
+    assert (status, err) == (0, "")
+    for piece in (
+        "7 spheres, 0 triangles, 1 lights, 7 materials",
+        "(0, 0, 55) to (0, 0, 0), up (0, 1, 0), fov 60°, 512x512",
+        "spheres, diffuse, glass, point lights",
+        "triangles, mirror, sphere lights, environment",
+        "albedo (0.4, 0.4, 0.8)",
+        "ior 1.5",
+        "(3000, 3000, 3000)",
+        "warning: lights[0] is a point light and the scene has glass: no path can connect them",
+    ):
+        assert piece in out
+    assert re.search(r"spheres\.center\W+\(7, 3\)", out) and re.search(r"camera\.fov\W+\(\)", out)
+
+
+def test_long_tables_are_cut():
+    table = summary._table("lights", ("", "b"), [("x", "[b]")] * 30)
+    assert table.row_count == summary.ROWS + 1
+
+
+def test_features_of_an_empty_scene():
+    present, absent = summary.features(read_description(ROOT / "scenes" / "room.toml"))
+    assert present == ["spheres", "diffuse", "mirror", "glass", "sphere lights"]
+    assert absent == ["triangles", "point lights", "environment"]
+
+
+def test_diff_measures_and_draws_the_error(folder, capsys):
+    reference = np.full((4, 6, 3), 0.5, np.float32)
+    image = reference.copy()
+    image[1, 2, 0] += 0.25
+    save_image("a.exr", image)
+    save_image("b.exr", reference)
+    status, out, _ = run(capsys, "diff", "a.exr", "b.exr", "-o", "error.exr")
+    assert status == 0
+    assert f"RMSE          {0.25 / 72**0.5:.6g}\n" in out
+    assert f"relative MSE  {0.0625 / 0.26 / 72:.6g}\n" in out
+    assert "max error     0.25 at column 2, row 1\n" in out
+    picture = load_image("error.exr")
+    assert picture[1, 2].tolist() == [1, 0, 0] and picture.sum() == 1
+
+
+def test_diff_of_equal_pictures_is_zero_and_black(folder, capsys):
+    save_image("a.png", np.full((4, 6, 3), 0.5, np.float32))
+    status, out, _ = run(capsys, "diff", "a.png", "a.png")
+    assert status == 0 and "RMSE          0\n" in out
+    assert load_image("diff.png").max() == 0
+
+
+def test_diff_refuses_other_sizes(folder, capsys):
+    save_image("a.png", np.zeros((4, 6, 3)))
+    save_image("b.png", np.zeros((4, 5, 3)))
+    line = refused(capsys, folder, "diff", "a.png", "b.png")
+    assert line == "a.png, b.png: sizes differ, 6x4 and 5x4: render both in one size"
+
+
+def test_help_tells_the_commands(capsys):
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["--help"])
+    assert caught.value.code == 0
+    out = capsys.readouterr().out
+    assert "render" in out and "info" in out and "diff" in out
+
+
+def test_the_command_as_a_process(tmp_path):
+    (tmp_path / "ball.toml").write_text(SCENE)
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    environment.pop("PYTHONWARNINGS", None)
+    command = [sys.executable, "-m", "jaxrt", "render", "ball.toml", "--cores", "2"]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("ball.png: 16x12, 2 spp")
+    assert done.stderr == "jaxrt: 1/2 spp, 0.0 s left\njaxrt: 2/2 spp, 0.0 s left\n"
+    assert load_image(tmp_path / "ball.png").shape == (12, 16, 3)
+    assert any((tmp_path / "cache" / "jaxrt").iterdir())
+
+
+def test_refusals_come_without_jax(tmp_path):
+    code = "import sys, jaxrt.cli as c; s = c.main(['render', 'no.toml']); sys.exit(99 if 'jax' in sys.modules else s)"
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr == "jaxrt: error: no.toml: no such file: check the path\n"

@@ -1,0 +1,75 @@
+"""The native kernel: really there, once per program, and computing what plain JAX computes."""
+
+import re
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import Array, lax
+
+import jaxrt
+from jaxrt.native import map_packets, once, plain
+
+TAG = 'xla_cpu_small_call="true"'
+
+
+def weigh(operands: tuple[Array, Array], packet: Array) -> Array:
+    scale, _ = operands
+    lane = (jnp.arange(64, dtype=jnp.int32) + 64 * packet).astype(scale.dtype)
+    total = once(lambda x: jnp.sin(x) + x)(lane * scale[0])
+    return lax.fori_loop(0, 3, lambda _, t: t * scale[1] + 1, total)
+
+
+OPERANDS = (jnp.array([0.25, 0.5], jnp.float32), jnp.arange(5, dtype=jnp.int32))
+
+
+@pytest.mark.parametrize("packets", [1, 3, 625])  # 625 packets of 64 lanes: 40 000
+def test_map_packets_equals_plain_code(packets: int) -> None:
+    numbers = jnp.arange(packets, dtype=jnp.int32)
+    native = jax.jit(lambda o, n: map_packets(weigh, o, n))(OPERANDS, numbers)
+    x = np.arange(64 * packets, dtype=np.float64).reshape(packets, 64) * 0.25
+    expected = ((np.sin(x) + x) / 8) + 1.75
+    np.testing.assert_allclose(native, expected, rtol=2e-6)
+
+
+def test_unused_operands_are_harmless() -> None:
+    # jaxlib 0.10.1 aborts the process when a tagged call's operand turns out to be unused
+    out = jax.jit(lambda o, n: map_packets(weigh, o, n))(OPERANDS, jnp.arange(2, dtype=jnp.int32))
+    assert out.shape == (2, 64)
+
+
+def entry(text: str) -> str:
+    return text[text.index("\nENTRY ") :]
+
+
+@pytest.mark.parametrize("unroll", [False, True])
+def test_a_render_is_one_native_kernel(room: jaxrt.Scene, unroll: bool) -> None:
+    def draw(scene: jaxrt.Scene) -> Array:
+        return jaxrt.render(scene, 0, spp=2, max_depth=2, unroll=unroll, devices=jax.devices()[:1])
+
+    text = jax.jit(draw).lower(room).compile().as_text()
+    calls = [line for line in entry(text).splitlines() if " call(" in line]
+    assert sum(TAG in line for line in calls) == 1, calls
+    # All loops, over packets, samples, events and spheres, are inside it
+    assert " while(" not in entry(text)
+
+
+def test_each_device_runs_one_native_kernel(room: jaxrt.Scene) -> None:
+    assert len(jax.devices()) == 2
+    text = jax.jit(lambda scene: jaxrt.render(scene, 0, spp=2, max_depth=2)).lower(room).compile().as_text()
+    assert sum(TAG in line for line in entry(text).splitlines() if " call(" in line) == 1
+    assert re.search(r"num_partitions=2", text)
+
+
+def test_plain_leaves_the_tag_out() -> None:
+    def run(n: Array) -> Array:
+        with plain():
+            return map_packets(weigh, OPERANDS, n)
+
+    numbers = jnp.arange(3, dtype=jnp.int32)
+    native = jax.jit(lambda n: map_packets(weigh, OPERANDS, n))
+    # Before compilation: XLA gives small loops the tag on its own account
+    assert "xla_cpu_small_call" not in jax.jit(run).lower(numbers).as_text()
+    assert "xla_cpu_small_call" in native.lower(numbers).as_text()
+    np.testing.assert_allclose(jax.jit(run)(numbers), native(numbers), rtol=1e-6)
