@@ -95,9 +95,7 @@ def load_stack(path: str) -> np.ndarray:
         return archive["images"]
 
 
-def render_stack(
-    options: argparse.Namespace, folder: str, python: str | None, sampler: str = ""
-) -> np.ndarray:
+def render_stack(options: argparse.Namespace, folder: str, python: str | None, sampler: str = "") -> np.ndarray:
     """Return the stack of images (n, H, W, 3) of jaxrt with one sampler, or of the peer `python`."""
     names = ("width", "height", "spp", "max_depth", "seeds", "cores")
     out = f"{folder}/{sampler}.npz"

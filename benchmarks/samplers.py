@@ -65,9 +65,7 @@ def make_reference(render: Renderer, spp: int, seeds: int, progress: Progress) -
     return Reference(images.mean(axis=0), float(images.var(axis=0, ddof=1).mean() / seeds))
 
 
-def measure(
-    render: Renderer, spp: int, seeds: int, reference: Reference, progress: Progress
-) -> dict[str, Errors]:
+def measure(render: Renderer, spp: int, seeds: int, reference: Reference, progress: Progress) -> dict[str, Errors]:
     """Return the errors of each sampler at `spp`; samplers alternate: drift hits all alike."""
     for sampler in SAMPLERS:
         render(seeds, spp, sampler)

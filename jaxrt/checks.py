@@ -12,6 +12,7 @@ from jaxrt.description import (
     LightDescription,
     SceneDescription,
     SceneError,
+    Solid,
     SphereDescription,
 )
 
@@ -85,7 +86,7 @@ def _walled_in(scene: SceneDescription) -> Iterator[str]:
 def _point_light_and_glass(scene: SceneDescription) -> Iterator[str]:
     """Find point lights in a scene with glass: neither a light sample nor a scattered ray joins the two."""
     points = [i for i, light in enumerate(scene.lights) if not light.radius]
-    solids = [*scene.spheres, *scene.triangles]
+    solids: list[Solid] = [*scene.spheres, *scene.triangles]
     if points and any(isinstance(scene.materials[s.material], Glass) for s in solids):
         yield (
             f"lights[{points[0]}] is a point light and the scene has glass: no path can connect them, so "

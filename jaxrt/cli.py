@@ -1,9 +1,7 @@
-"""The command line: `jaxrt render`, `jaxrt info`, `jaxrt diff`.
-
-JAX is imported after arguments and scene have been checked, so that help and refusals come at once.
-"""
+"""The command line: `jaxrt render`, `jaxrt info`, `jaxrt diff`."""
 
 import argparse
+import gc
 import math
 import os
 import sys
@@ -12,8 +10,9 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
+import jax
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,16 +20,15 @@ from jaxrt.checks import check_memory
 from jaxrt.description import SceneDescription, SceneError, SceneWarning, nearest, show
 from jaxrt.io.image import check_suffix, load_image, save_image
 from jaxrt.io.scene_file import read_description
-
-if TYPE_CHECKING:
-    from jaxrt.scene import Scene
+from jaxrt.render import render_sum, use_cpu_cores
+from jaxrt.samplers import SAMPLERS
+from jaxrt.scene import Scene, build
+from jaxrt.summary import print_summary
 
 CHUNK_SECONDS = 0.5  # between two steps of the progress bar, more for long runs
 CHUNKS = 20  # about as many steps a run
 CHUNK_SECONDS_MAX = 5.0
-RELATIVE_FLOOR = (
-    1e-2  # added to the squared reference in the relative MSE, so that black pixels do not rule it
-)
+RELATIVE_FLOOR = 1e-2  # added to the squared reference in the relative MSE, so that black pixels do not rule it
 COUNT_MAX = 2**31 - 1
 SEED_MAX = 2**32 - 1
 
@@ -186,25 +184,21 @@ def _usable_cores() -> int:
 
 
 def _start_jax(cores: int) -> None:
-    """Import JAX, give it the cores, and let it keep compiled programs between runs."""
-    import jax
-
-    import jaxrt
-
-    jaxrt.use_cpu_cores(cores)
+    """Give JAX the cores, and let it keep compiled programs between runs."""
+    use_cpu_cores(cores)
+    # Tracing makes many objects that live as long as this short process: collecting costs a tenth of a warm start
+    gc.disable()
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jaxrt"
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
         return
-    if not jax.config.jax_compilation_cache_dir and os.access(folder, os.W_OK):
+    if not jax.config.read("jax_compilation_cache_dir") and os.access(folder, os.W_OK):
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
 def _check_sampler(name: str, spp: int) -> None:
-    from jaxrt.samplers import SAMPLERS
-
     if name not in SAMPLERS:
         raise UsageError(f"argument --sampler: unknown sampler {show(name)}{nearest(name, SAMPLERS)}")
     if name == "sobol" and spp & (spp - 1):
@@ -216,10 +210,8 @@ def _warn(message: object) -> None:
     print(f"jaxrt: warning: {message}", file=sys.stderr)
 
 
-def _build(description: SceneDescription, warn: Callable[[object], None] = _warn) -> "Scene":
+def _build(description: SceneDescription, warn: Callable[[object], None] = _warn) -> Scene:
     """Return the scene, handing its warnings to `warn`."""
-    from jaxrt.scene import build
-
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", SceneWarning)
         scene = build(description)
@@ -228,16 +220,12 @@ def _build(description: SceneDescription, warn: Callable[[object], None] = _warn
     return scene
 
 
-def _draw(scene: "Scene", seed: int, sampler: str) -> tuple[Image, float, float]:
+def _draw(scene: Scene, seed: int, sampler: str) -> tuple[Image, float, float]:
     """Return the picture and the seconds of compiling and of rendering it."""
-    from jaxrt.render import render_sum
-
     spp = scene.defaults.spp
 
     def draw(first: int, count: int) -> NDArray[np.float32]:
-        part = render_sum(
-            scene, seed, first, count, spp=spp, max_depth=scene.defaults.max_depth, sampler=sampler
-        )
+        part = render_sum(scene, seed, first, count, spp=spp, max_depth=scene.defaults.max_depth, sampler=sampler)
         return np.asarray(part)
 
     with _progress(spp) as report:
@@ -308,8 +296,6 @@ def _lines(spp: int) -> Callable[[int], None]:
 
 
 def _info(args: argparse.Namespace) -> None:
-    from jaxrt.summary import print_summary
-
     description = read_description(args.scene)
     check_memory(description.camera.width, description.camera.height, str(args.scene))
     messages: list[object] = []

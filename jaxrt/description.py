@@ -5,7 +5,7 @@ import json
 import math
 import numbers
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -86,7 +86,7 @@ def _number(value: Any) -> float:
         raise _error(f"{show(value)} is not a number: {hint}")
     if not (math.isfinite(value) if isinstance(value, float) else True):
         raise _error(f"{show(value)} is not finite: write a finite number")
-    if abs(value) > FLOAT32_MAX:
+    if abs(float(value)) > FLOAT32_MAX:
         raise _error(f"{show(value)} is too large for float32: stay within ±3.4e38")
     return float(value)
 
@@ -150,9 +150,7 @@ LightRadius = Annotated[
     Number, _require(lambda x: x >= 0, "is negative: use 0 for a point light"), _not_too_long, _not_too_short
 ]
 Ior = Annotated[Number, _require(lambda x: x > 0, "is not > 0: glass has about 1.5")]
-Fov = Annotated[
-    Number, _require(lambda x: 0 < x < 180, "is not between 0 and 180: choose degrees, such as 60")
-]
+Fov = Annotated[Number, _require(lambda x: 0 < x < 180, "is not between 0 and 180: choose degrees, such as 60")]
 Vector = Annotated[tuple[Coordinate, Coordinate, Coordinate], BeforeValidator(_three)]
 Albedo = Annotated[tuple[Reflectance, Reflectance, Reflectance], BeforeValidator(_three)]
 Rgb = Annotated[tuple[Power, Power, Power], BeforeValidator(_three)]
@@ -272,6 +270,9 @@ class TriangleDescription(_Table):
         return self
 
 
+Solid = SphereDescription | TriangleDescription
+
+
 class LightDescription(_Table):
     """A point light (radius 0) or a spherical light; intensity in W/sr."""
 
@@ -327,7 +328,8 @@ class SceneDescription(_Table):
 
     @model_validator(mode="after")
     def _check_names(self) -> Self:
-        for group, members in (("spheres", self.spheres), ("triangles", self.triangles)):
+        groups: dict[str, Sequence[Solid]] = {"spheres": self.spheres, "triangles": self.triangles}
+        for group, members in groups.items():
             for i, member in enumerate(members):
                 if member.material not in self.materials:
                     hint = nearest(member.material, self.materials)

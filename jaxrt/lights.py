@@ -83,8 +83,9 @@ def sample_light(table: LightTable, point: Array, u: tuple[Array, Array]) -> Lig
     return LightSample(direction, near - rounding, irradiance, light)
 
 
-def emitted_radiance(lights: Lights, light: Array) -> Array:
-    """Return the radiance (3,) W·sr⁻¹·m⁻² that sphere light number `light` sends out from its surface."""
+def emitted_radiance(lights: Lights, light: Array, eye: Array) -> Array:
+    """Return the radiance (3,) W·sr⁻¹·m⁻² that a point `eye` sees of sphere light number `light`: 0 from inside."""
     assert lights.radius is not None
-    r = lights.radius[light]
-    return lights.intensity[light] * safe_divide(jnp.ones_like(r), jnp.pi * r * r)
+    r, away = lights.radius[light], eye - lights.position[light]
+    outside = dot(away, away) > r * r
+    return jnp.where(outside, lights.intensity[light] * safe_divide(jnp.ones_like(r), jnp.pi * r * r), 0)

@@ -30,11 +30,14 @@ def map_packets(f: Callable[[Operands, Array], Result], operands: Operands, pack
     """
     parcels, unpack = _pack(operands)
 
-    def loop(parcels: dict[str, Array], packets: Array) -> Result:
+    def loop(parcels: dict[str, Array], packets: Array) -> tuple[Result, Array]:
         operands = unpack(parcels)
-        return lax.map(lambda packet: f(operands, packet), packets)
+        result = lax.map(lambda packet: f(operands, packet), packets)
+        return result, jnp.stack([a[0].astype(jnp.float32) for a in (*parcels.values(), packets)])
 
-    return _native(loop, parcels, packets)
+    # A tagged call with an operand that turns out unused aborts the process (jaxlib 0.10.1: "All or none of the slices
+    # should have an explicit index"). So all go in as a few arrays, and a number of each comes out again.
+    return lax.optimization_barrier(_native(loop, parcels, packets))[0]
 
 
 def once(f: Callable[..., Result]) -> Callable[..., Result]:
@@ -74,11 +77,7 @@ def _native(f: Callable[..., Result], *operands: Any) -> Result:
 
 
 def _pack(tree: Operands) -> tuple[dict[str, Array], Callable[[dict[str, Array]], Operands]]:
-    """Return the leaves in one flat array for each dtype, and the function that takes them apart again.
-
-    A tagged call with an operand that turns out unused aborts the process (jaxlib 0.10.1: "All or none of the slices
-    should have an explicit index"). An array that holds everything is never unused.
-    """
+    """Return the leaves in one flat array for each dtype, and the function that takes them apart again."""
     leaves, structure = jax.tree.flatten(tree)
     groups: dict[str, list[Any]] = {}
     for leaf in leaves:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
@@ -55,8 +56,8 @@ def with_parameters(scene: Scene, changes: Mapping[str, ArrayLike]) -> Scene:
     for name, value in changes.items():
         if name not in old:
             raise SceneError(f"{name}: the scene has no such parameter{nearest(name, old)}")
-        if jnp.shape(value) != old[name].shape:
-            raise SceneError(f"{name}: shape {jnp.shape(value)}, want {old[name].shape} as in parameters(scene)")
+        if np.shape(value) != old[name].shape:
+            raise SceneError(f"{name}: shape {np.shape(value)}, want {old[name].shape} as in parameters(scene)")
     dtype = scene.camera.position.dtype
     new = {name: jnp.asarray(value, dtype) for name, value in changes.items()}
     return _assign(scene, {name: value - _shift(scene, name, value) for name, value in new.items()})

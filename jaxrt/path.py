@@ -97,8 +97,8 @@ def radiance(tables: Tables, ray: Ray, numbers: Numbers, max_depth: int, unroll:
 def _event(tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array]) -> Walk:
     """Return the path one scattering event on."""
     hit = once(find)(tables.geometry, walk.ray)
+    walk = _see(tables, walk, hit)
     point = once(surface_point)(tables.geometry, walk.ray, hit)
-    walk = _see(tables, walk, hit, point)
     wo = -walk.ray.direction
     scattering = once(scatter)(tables.materials, point.material, point.normal, wo, u[2:])
     gathered = walk.radiance
@@ -119,20 +119,23 @@ def _direct(tables: Tables, point: SurfacePoint, facing: Array, u: tuple[Array, 
     cosine = dot(facing, sample.direction)
     crowd = tables.lights.pick is not None and tables.lights.lights.radius is not None
     skip = tables.first_light + sample.light if crowd else None
-    blocked = occluded(tables.occluders, once(leave)(point, sample.direction), sample.distance, skip)
+    # The ray starts up to `error` nearer to the light than the point
+    reach = sample.distance - point.error
+    blocked = occluded(tables.occluders, once(leave)(point, sample.direction), reach, skip)
     return jnp.where(blocked | (cosine <= 0), 0, sample.irradiance * (cosine / jnp.pi))
 
 
-def _see(tables: Tables, walk: Walk, hit: Hit, point: SurfacePoint) -> Walk:
-    """Return the walk with the light added that the ray runs into: the environment, or a sphere light's outside."""
+def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
+    """Return the walk with the light added that its ray runs into: the environment, or a sphere light's outside."""
     seen = jnp.zeros_like(walk.radiance)
     if tables.environment is not None:
         seen = jnp.where(hit.valid, seen, tables.environment)
-    lights = None if tables.lights is None else tables.lights.lights
-    if lights is not None and lights.radius is not None:
-        row = point.material - sum(tables.materials.counts)
-        shines = hit.valid & (row >= 0) & walk.specular & (dot(point.normal, walk.ray.direction) < 0)
-        seen = jnp.where(shines, emitted_radiance(lights, jnp.maximum(row, 0)), seen)
+    if tables.lights is not None and tables.lights.lights.radius is not None:
+        lights, light = tables.lights.lights, hit.index - tables.first_light
+        n = lights.position.shape[0]
+        hit_light = hit.valid & (light >= 0) & (light < n)
+        shining = once(emitted_radiance)(lights, jnp.clip(light, 0, n - 1), walk.ray.origin)
+        seen = jnp.where(hit_light & walk.specular, shining, seen)
     return replace(walk, radiance=walk.radiance + walk.throughput * seen)
 
 
@@ -142,5 +145,4 @@ def _last_look(tables: Tables, walk: Walk) -> Array:
     specular = tables.materials.mirror is not None or tables.materials.glass is not None
     if tables.environment is None and not (can_shine and specular):
         return walk.radiance
-    hit = once(find)(tables.geometry, walk.ray)
-    return _see(tables, walk, hit, once(surface_point)(tables.geometry, walk.ray, hit)).radiance
+    return _see(tables, walk, once(find)(tables.geometry, walk.ray)).radiance

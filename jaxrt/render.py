@@ -20,7 +20,7 @@ from jaxrt.path import Tables, radiance, tables_of
 from jaxrt.samplers import SAMPLERS, Stream, seed_from_key
 from jaxrt.scene import Scene
 
-CPU_TILE = (8, 8)  # pixels of a packet on a CPU: its values stay in the first-level cache
+CPU_TILE = (16, 8)  # pixels of a packet on a CPU: its values stay in the first-level cache
 WIDE_TILE = (512, 128)  # on accelerators, which want many lanes at once
 NATIVE_LANES = 1024  # packets of more lanes are not compiled as one native kernel
 
@@ -132,9 +132,7 @@ def _render_sum(scene: Scene, run: _Run, plan: _Plan) -> Array:
         mesh = Mesh(plan.devices, ("packets",))
         spread, everywhere = PartitionSpec("packets"), PartitionSpec()
         # Unchecked: the check wants every loop's start value marked as differing between devices
-        shares = jax.shard_map(
-            on_device, mesh=mesh, in_specs=(everywhere, spread), out_specs=spread, check_vma=False
-        )
+        shares = jax.shard_map(on_device, mesh=mesh, in_specs=(everywhere, spread), out_specs=spread, check_vma=False)
         sums = shares(operands, packets)
     else:
         sums = on_device(operands, packets)

@@ -116,9 +116,7 @@ def _materials(scene: SceneDescription, dtype: DTypeLike) -> tuple[Materials, di
     return materials, rows, [rows[name] for name, m in scene.materials.items() if m.type != "glass"]
 
 
-def _spheres(
-    scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, dtype: DTypeLike
-) -> Spheres | None:
+def _spheres(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, dtype: DTypeLike) -> Spheres | None:
     if not scene.spheres:
         return None
     # Round first: the power must be that of the sphere that the kernels see
@@ -129,9 +127,7 @@ def _spheres(
     return Spheres(jnp.asarray(center), jnp.asarray(radius), jnp.asarray(power, dtype), material)
 
 
-def _triangles(
-    scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, dtype: DTypeLike
-) -> Triangles | None:
+def _triangles(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, dtype: DTypeLike) -> Triangles | None:
     if not scene.triangles:
         return None
     vertices = np.asarray([t.vertices for t in scene.triangles], float).reshape(-1, 3) - origin
@@ -146,6 +142,4 @@ def _lights(scene: SceneDescription, origin: np.ndarray, dtype: DTypeLike) -> Li
     position = np.asarray([light.position for light in scene.lights], float) - origin
     intensity = jnp.asarray([light.intensity for light in scene.lights], dtype)
     radius = np.asarray([light.radius for light in scene.lights], float)
-    return Lights(
-        jnp.asarray(position, dtype), intensity, jnp.asarray(radius, dtype) if radius.any() else None
-    )
+    return Lights(jnp.asarray(position, dtype), intensity, jnp.asarray(radius, dtype) if radius.any() else None)

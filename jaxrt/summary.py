@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from jaxrt.description import Glass, SceneDescription
+from jaxrt.description import Glass, SceneDescription, Solid
 from jaxrt.parameters import parameters
 from jaxrt.scene import Scene
 
@@ -55,9 +55,7 @@ def features(description: SceneDescription) -> tuple[list[str], list[str]]:
         "sphere lights": any(radii),
         "environment": description.environment is not None,
     }
-    return [name for name, is_there in there.items() if is_there], [
-        n for n, is_there in there.items() if not is_there
-    ]
+    return [name for name, is_there in there.items() if is_there], [n for n, is_there in there.items() if not is_there]
 
 
 def _table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
@@ -89,11 +87,10 @@ def _camera(scene: SceneDescription) -> str:
 
 
 def _materials(scene: SceneDescription) -> Iterable[tuple[str, str, str, str]]:
-    used = Counter(member.material for member in (*scene.spheres, *scene.triangles))
+    solids: list[Solid] = [*scene.spheres, *scene.triangles]
+    used = Counter(solid.material for solid in solids)
     for name, material in scene.materials.items():
-        value = (
-            f"ior {material.ior:g}" if isinstance(material, Glass) else f"albedo {_numbers(material.albedo)}"
-        )
+        value = f"ior {material.ior:g}" if isinstance(material, Glass) else f"albedo {_numbers(material.albedo)}"
         yield name, material.type, value, str(used[name])
 
 

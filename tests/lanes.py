@@ -1,4 +1,4 @@
-"""Run a one-ray function on many rays the way `render` does: vmap inside a packet, packets in one native loop."""
+"""Run a one-ray function on many rays as `render` does: vmap in a packet, packets in one native loop."""
 
 from collections.abc import Callable
 from functools import partial, wraps
@@ -22,7 +22,9 @@ def lanes(f: Callable[..., Any], packet: int = 64) -> Callable[..., Any]:
         count = jax.tree.leaves(operands)[0].shape[0] // packet
 
         def one_packet(operands: Any, k: Any) -> Any:
-            rows = jax.tree.map(partial(jax.lax.dynamic_slice_in_dim, start_index=k * packet, slice_size=packet), operands)
+            rows = jax.tree.map(
+                partial(jax.lax.dynamic_slice_in_dim, start_index=k * packet, slice_size=packet), operands
+            )
             return jax.vmap(f)(*rows)
 
         results = map_packets(one_packet, operands, jnp.arange(count, dtype=jnp.int32))

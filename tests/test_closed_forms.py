@@ -1,8 +1,8 @@
 """Pictures whose radiance is known in closed form, through the public API.
 
-Most cameras are radiance meters: an angle of view of 0.001° shows one point in all 64 pixels. Each pixel has random
-numbers of its own, so one picture is 64 independent estimates, and their spread gives the standard error. Seeds are
-fixed: a test passes always or never. "4σ" of 64 estimates fails for 1.7e-4 of random seeds.
+Most cameras are radiance meters: an angle of view of 0.001° shows one point in all 64 pixels. Each pixel has
+random numbers of its own, so one picture is 64 independent estimates, and their spread gives the standard
+error. Seeds are fixed: a test passes always or never. "4σ" of 64 estimates fails for 1.7e-4 of random seeds.
 """
 
 import jax
@@ -18,9 +18,7 @@ METER = {"width": 8, "height": 8, "fov": 1e-3}
 def shot(scene, key=0, spp=1, max_depth=1, sampler="sobol", unroll=False):
     """Return the picture (8, 8, 3) in float64. One device: its program compiles fastest."""
     one = jax.devices()[:1]
-    image = jaxrt.render(
-        scene, key, spp=spp, max_depth=max_depth, sampler=sampler, unroll=unroll, devices=one
-    )
+    image = jaxrt.render(scene, key, spp=spp, max_depth=max_depth, sampler=sampler, unroll=unroll, devices=one)
     return np.asarray(image, np.float64)
 
 
@@ -51,12 +49,14 @@ def large_triangle(z, up=True, material="floor", size=50.0):
 
 # Every depth, every sampler, both programs; not every triple, since each costs a compilation
 SERIES = [
-    *((depth, ("sobol", "stratified", "independent")[depth % 3], False) for depth in (1, 2, 3, 5, 6, 7)),
-    (4, "sobol", False),
-    (8, "sobol", False),
+    *(
+        (depth, sampler, False)
+        for sampler, depths in {"sobol": (1, 4, 8), "stratified": (2, 5, 7), "independent": (3, 6)}.items()
+        for depth in depths
+    ),
+    (2, "sobol", True),
     (1, "stratified", True),
     (1, "independent", True),
-    (3, "sobol", True),
 ]
 
 
@@ -82,7 +82,9 @@ def off_centre(light):
 
 @pytest.mark.parametrize("light", [(0.5, 0.0, 0.0), (0.0, -0.6, 0.3), (-0.2, 0.1, 0.8)])
 def test_light_off_the_centre_of_a_closed_ball(light):
-    """Direct light ρ/π I cosθ/d², to 1e-4 (the meter's angle); indirect light the same at every place, within 4σ."""
+    """Direct light ρ/π I cosθ/d², to 1e-4 (the meter's angle); indirect light the same at every place, within
+    4σ.
+    """
     toward = np.array(light) - SEEN
     direct = 0.7 * (toward @ -SEEN) / np.linalg.norm(toward) ** 3
     np.testing.assert_allclose(shot(off_centre(light)), direct, rtol=1e-4)
@@ -116,7 +118,7 @@ def test_sphere_light_above_the_horizon_is_a_point_light(light):
 
 
 def test_white_furnace_around_a_ball():
-    """A convex ball of albedo ρ in a constant environment L has radiance ρL in every sample, at any depth."""
+    """A convex ball of albedo ρ in a constant environment L has radiance ρL in every sample."""
     albedo, sky = np.array([0.0, 0.3, 1.0]), np.array([2.0, 3.0, 4.0])
     scene = jaxrt.build(
         {
@@ -126,12 +128,10 @@ def test_white_furnace_around_a_ball():
             "spheres": [{"center": [0, 0, 0], "radius": 1, "material": "ball"}],
         }
     )
-    for depth in (1, 3):
-        image = shot(scene, max_depth=depth)
+    for key in (1, 2):
+        image = shot(scene, key, max_depth=2)
         ball = np.isclose(image[..., 0], 0)
-        np.testing.assert_allclose(
-            image[ball], np.broadcast_to(albedo * sky, (ball.sum(), 3)), rtol=1e-6, atol=0
-        )
+        np.testing.assert_allclose(image[ball], np.broadcast_to(albedo * sky, (ball.sum(), 3)), rtol=1e-6, atol=0)
         np.testing.assert_array_equal(image[~ball], np.broadcast_to(sky, ((~ball).sum(), 3)))
         # The limb is at sin θ = 1/3: a disc of 4.9 pixels radius, give or take the jitter
         assert np.pi * 4.2**2 < ball.sum() < np.pi * 5.6**2
@@ -188,7 +188,9 @@ def mirror_and_ball(eye, target, mirror_at):
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0, 0.0), (0.2, 0.4, 0.3), (0.6, -0.2, -0.1)])
 def test_mirror_shows_the_mirrored_scene(offset):
-    """What a meter sees in the mirror z = 0, its mirror image sees without a mirror, times the albedo: to 1e-4."""
+    """What a meter sees in the mirror z = 0, its mirror image sees without a mirror, times the albedo: to
+    1e-4.
+    """
     flip = np.array([1, 1, -1])
     eye, point = np.array([4.0, 1.0, 3.0]), np.array([0, 0, 3.0]) + offset
     in_mirror = shot(mirror_and_ball(eye, point * flip, 0), max_depth=2)

@@ -214,9 +214,7 @@ def test_bad_values_are_refused_with_place_culprit_and_remedy(path, value, messa
 
 def test_a_light_too_small_for_its_power_is_refused():
     scene = scene_with(("lights", 0), {"position": [0, 0, 30], "intensity": 1e20, "radius": 1e-12})
-    with pytest.raises(
-        SceneError, match=r"lights\[0\]\.radius: 1e-12 makes the radiance too large for float32"
-    ):
+    with pytest.raises(SceneError, match=r"lights\[0\]\.radius: 1e-12 makes the radiance too large for float32"):
         parse_description(scene)
 
 
@@ -267,9 +265,7 @@ POINT = {"position": [0, 0, 30], "intensity": 100}
 
 
 def test_warns_of_no_light():
-    assert warned(lights=[]) == [
-        "no light and no environment: the picture is black, add [[lights]] or [environment]"
-    ]
+    assert warned(lights=[]) == ["no light and no environment: the picture is black, add [[lights]] or [environment]"]
     assert warned(lights=[], environment={"radiance": [1, 1, 1]}) == []
 
 

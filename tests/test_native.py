@@ -1,6 +1,7 @@
 """The native kernel: really there, once per program, and computing what plain JAX computes."""
 
 import re
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -33,10 +34,11 @@ def test_map_packets_equals_plain_code(packets: int) -> None:
     np.testing.assert_allclose(native, expected, rtol=2e-6)
 
 
-def test_unused_operands_are_harmless() -> None:
+@pytest.mark.parametrize("f", [lambda o, n: jnp.zeros(64), lambda o, n: o[0][:1] * n.astype(jnp.float32)])
+def test_unused_operands_are_harmless(f: Callable[..., Array]) -> None:
     # jaxlib 0.10.1 aborts the process when a tagged call's operand turns out to be unused
-    out = jax.jit(lambda o, n: map_packets(weigh, o, n))(OPERANDS, jnp.arange(2, dtype=jnp.int32))
-    assert out.shape == (2, 64)
+    out = jax.jit(lambda o, n: map_packets(f, o, n))(OPERANDS, jnp.arange(2, dtype=jnp.int32))
+    assert out.shape[0] == 2
 
 
 def entry(text: str) -> str:

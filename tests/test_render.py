@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import jaxrt
 from jaxrt.render import render_sum
 
-SIZE = {"width": 40, "height": 24}  # not a multiple of the 8×8 packets in one direction
+SIZE = {"width": 40, "height": 24}  # not a multiple of the packets
 
 
 @pytest.fixture(scope="module")

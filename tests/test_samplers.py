@@ -17,10 +17,7 @@ def numbers(name, pixel, sample, seed=0, spp=64, block=0):
     """Return (4, n) numbers of the broadcast arguments, from jitted calls of 40 000 rows: one compilation."""
     p, s, k = (np.ravel(x).astype(np.uint32) for x in np.broadcast_arrays(pixel, sample, seed))
     rows = [np.resize(x, -(-len(p) // 40_000) * 40_000).reshape(-1, 40_000) for x in (p, s, k)]
-    parts = [
-        np.stack(NUMBERS[name](Stream(*row, np.uint32(spp)), np.uint32(block)))
-        for row in zip(*rows, strict=True)
-    ]
+    parts = [np.stack(NUMBERS[name](Stream(*row, np.uint32(spp)), np.uint32(block))) for row in zip(*rows, strict=True)]
     return np.concatenate(parts, 1)[:, : len(p)]
 
 
@@ -108,9 +105,7 @@ def test_sobol_order_and_points_change_with_pixel_pair_and_seed():
     """The cell of a 16 × 16 grid that sample i falls in: equal for 1 in 256 of the samples, on average."""
     i = np.arange(256)
     base = numbers("sobol", 5, i, 7, 256, 1)
-    others = [
-        numbers("sobol", *args)[:2] for args in ((6, i, 7, 256, 1), (5, i, 8, 256, 1), (5, i, 7, 256, 2))
-    ]
+    others = [numbers("sobol", *args)[:2] for args in ((6, i, 7, 256, 1), (5, i, 8, 256, 1), (5, i, 7, 256, 2))]
     for other in [*others, base[2:]]:
         same = np.all(np.floor(16 * base[:2]) == np.floor(16 * other), 0)
         assert same.sum() < 10
@@ -162,9 +157,7 @@ def test_seeds_of_split_keys_differ_also_under_vmap():
     np.testing.assert_array_equal(raw, seeds)
 
 
-@pytest.mark.parametrize(
-    "key", [0.5, "0", None, jnp.float32(1), jnp.arange(3), jnp.zeros((2, 2), jnp.uint32)]
-)
+@pytest.mark.parametrize("key", [0.5, "0", None, jnp.float32(1), jnp.arange(3), jnp.zeros((2, 2), jnp.uint32)])
 def test_seed_of_something_else_is_a_type_error(key):
     with pytest.raises(TypeError, match="^key: "):
         seed_from_key(key)

@@ -64,9 +64,7 @@ def _check_pixels(image: ArrayLike, exposure: float) -> Pixels:
         exposed = (pixels.astype(np.float64) * np.exp2(exposure)).astype(np.float32)
     if not np.isfinite(exposed).all():
         i, j, c = (int(n) for n in np.argwhere(~np.isfinite(exposed))[0])
-        raise ValueError(
-            f"image[{i}, {j}, {c}]: {exposed[i, j, c]} is not finite: mend the picture before saving"
-        )
+        raise ValueError(f"image[{i}, {j}, {c}]: {exposed[i, j, c]} is not finite: mend the picture before saving")
     return exposed
 
 

@@ -7,10 +7,10 @@ the scene lacks is None, and its code is then not there.
 import jax.numpy as jnp
 from jax import Array
 
-from jaxrt.maths import dot
 from jaxrt.materials.diffuse import Diffuse, sample_diffuse
 from jaxrt.materials.glass import Glass, sample_glass
 from jaxrt.materials.mirror import Mirror, sample_mirror
+from jaxrt.maths import dot
 from jaxrt.pytree import pytree
 
 __all__ = ["Diffuse", "Glass", "Materials", "Mirror", "Scattering", "scatter"]
@@ -68,7 +68,5 @@ def scatter(materials: Materials, row: Array, normal: Array, wo: Array, u: tuple
     return Scattering(direction, weight, albedo, row < a, (row >= a) & (row < a + b + c))
 
 
-def _select(
-    use: Array, first: tuple[Array, Array], second: tuple[Array, Array]
-) -> tuple[Array, Array]:
+def _select(use: Array, first: tuple[Array, Array], second: tuple[Array, Array]) -> tuple[Array, Array]:
     return jnp.where(use, first[0], second[0]), jnp.where(use, first[1], second[1])

@@ -3,8 +3,8 @@
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.maths import dot, grad_only, safe_sqrt
 from jaxrt.materials.mirror import reflect
+from jaxrt.maths import dot, grad_only, safe_sqrt
 from jaxrt.pytree import pytree
 
 
@@ -21,7 +21,8 @@ def fresnel(cos_i: Array, eta: Array) -> tuple[Array, Array]:
     cos_i: () cosine of incidence, >= 0. eta: () refractive index of the far side over the near side.
     Beyond the critical angle reflectance is 1, the cosine 0, and all derivatives 0 (Born & Wolf 1999, §1.5.2).
     """
-    squared = 1 - (1 - cos_i * cos_i) / (eta * eta)
+    # 1 − sin²θ_t, without the cancellation of 1 − (1 − cos²)/η² at grazing angles and near η = 1
+    squared = (cos_i * cos_i + (eta - 1) * (eta + 1)) / (eta * eta)
     cos_t = safe_sqrt(squared)
     total = squared <= 0
     # Where both cosines vanish (grazing, eta = 1) the quotients are 0/0: replace their denominators first

@@ -31,8 +31,6 @@ class TriangleTable:
     material: Array  # (n,) int32
 
 
-import os
-KK=float(os.environ.get('KK','3'))
 @pytree
 class Shear:
     """A ray turned into the +z axis: axes permuted so that z is the longest, then sheared."""
@@ -45,8 +43,12 @@ class Shear:
 
 
 def triangle_table(triangles: Triangles) -> TriangleTable:
-    """Return the rows that `find_triangle` reads."""
-    return TriangleTable(triangles.vertices[triangles.faces], triangles.material)
+    """Return the rows that `find_triangle` reads; one without area, to rounding, shrinks to a point: never hit."""
+    corners = triangles.vertices[triangles.faces]
+    edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    rounding = 4 * unit_roundoff(edge1) * jnp.max(jnp.abs(edge1), -1) * jnp.max(jnp.abs(edge2), -1)
+    flat = jnp.max(jnp.abs(cross(edge1.T, edge2.T)), 0) <= rounding
+    return TriangleTable(jnp.where(flat[:, None, None], corners[:, :1], corners), triangles.material)
 
 
 def _permute(axis: Array, v: Array) -> tuple[Array, Array, Array]:
@@ -66,8 +68,7 @@ def shear_of(ray: Ray) -> Shear:
 
 
 def _barycentric(corners: Array, shear: Shear) -> tuple[list[Array], list[Array], Array]:
-    """Return the edge functions (barycentric coordinates times their sum), the corners' depths along the ray, and the
-    bound below which an edge function counts as zero."""
+    """Return barycentric coordinates times their sum, the corners' depths, and what counts as zero in the first."""
     xs, ys, zs = [], [], []
     for corner in corners:
         x, y, z = _permute(shear.axis, corner - shear.origin)
@@ -91,10 +92,18 @@ def _distance(corners: Array, shear: Shear) -> Array:
     total = e0 + e1 + e2
     same_side = ((e0 >= 0) & (e1 >= 0) & (e2 >= 0)) | ((e0 <= 0) & (e1 <= 0) & (e2 <= 0))
     t = (e0 * z0 + e1 * z1 + e2 * z2) / jnp.where(total == 0, 1, total)
-    # A triangle around the origin: its distance is known no better than the edge functions
+    # Where the triangle reaches behind the origin, two edge functions may each be wrong by `bound`: without the
+    # margin a sliver would hit the rays that leave it
     first, last = jnp.minimum(z0, jnp.minimum(z1, z2)), jnp.maximum(z0, jnp.maximum(z1, z2))
-    doubt = jnp.where(first > 0, 0, KK * bound * (last - first))
+    doubt = jnp.where(first > 0, 0, 2 * bound * (last - first))
     return jnp.where(same_side & (t * jnp.abs(total) > doubt), t, FAR)
+
+
+def _hit_weights(corners: Array, ray: Ray) -> tuple[Array, Array]:
+    """Return the barycentric coordinates of the second and third corner; in [0, 1] also where the ray misses."""
+    (e0, e1, e2), _, _ = _barycentric(corners, shear_of(ray))
+    total = jnp.abs(e0) + jnp.abs(e1) + jnp.abs(e2)
+    return safe_divide(jnp.abs(e1), total), safe_divide(jnp.abs(e2), total)
 
 
 def find_triangle(table: TriangleTable, ray: Ray, farthest: Array) -> tuple[Array, Array]:
@@ -123,7 +132,8 @@ def triangle_surface_point(table: TriangleTable, ray: Ray, i: Array) -> SurfaceP
     """Return where the ray meets the plane of triangle `i`, in closed form and differentiable in corners and ray.
 
     The point is laid on the triangle by its barycentric coordinates, which keeps its error independent of the distance
-    travelled (Wächter and Binder, Ray Tracing Gems 2019, ch. 6).
+    travelled (Wächter and Binder, Ray Tracing Gems 2019, ch. 6). They are those of the hit test, so that slivers
+    keep the point too; Cramer's rule gives their derivatives.
     """
     corners = table.corners[i]
     a, edge1, edge2 = corners[0], corners[1] - corners[0], corners[2] - corners[0]
@@ -134,9 +144,8 @@ def triangle_surface_point(table: TriangleTable, ray: Ray, i: Array) -> SurfaceP
     slope = dot(normal, ray.direction)
     beta, gamma = safe_divide(dot(edge2, q), -slope), safe_divide(dot(edge1, q), slope)
     beta, gamma = jnp.clip(beta, 0, 1), jnp.clip(gamma, 0, 1)
-    (e0, e1, e2), _, _ = _barycentric(lax.stop_gradient(corners), shear_of(lax.stop_gradient(ray)))
-    total = e0 + e1 + e2
-    beta, gamma = safe_divide(e1, total) + grad_only(beta), safe_divide(e2, total) + grad_only(gamma)
+    hit1, hit2 = _hit_weights(*lax.stop_gradient((corners, ray)))
+    beta, gamma = hit1 + grad_only(beta), hit2 + grad_only(gamma)
     p = a + beta * edge1 + gamma * edge2
     size = jnp.sum(jnp.max(jnp.abs(lax.stop_gradient(corners)), axis=0))
     return SurfacePoint(p, normalize(normal), 8 * unit_roundoff(p) * size, table.material[i])

@@ -88,9 +88,7 @@ def test_f2_disk_centre(name):
     assert np.all(u[65] == 0.5)
     assert np.all(np.isnan(concentric(jnp.float32([0.5, 0.5]))))
     sample, parameters = SAMPLES[name]
-    d = jax.jit(jax.vmap(sample, (None, None, 0)))(
-        jnp.float32([0, 0.6, -0.8]), jnp.float32(parameters[-1]), u
-    )
+    d = jax.jit(jax.vmap(sample, (None, None, 0)))(jnp.float32([0, 0.6, -0.8]), jnp.float32(parameters[-1]), u)
     np.testing.assert_allclose((np.asarray(d) ** 2).sum(1), 1, atol=2e-6)
 
 
@@ -101,9 +99,7 @@ def test_f3_grazing_cosine_sample():
     cos = d[2]
     assert cos == 0 and sampling.pdf_cosine_hemisphere(cos) == 0
     assert jnp.isnan(0.5 / jnp.pi * cos / sampling.pdf_cosine_hemisphere(cos))
-    assert all(
-        np.all(np.isfinite(j)) for j in jax.jit(jax.jacrev(sampling.sample_cosine_hemisphere, (0, 1)))(n, u)
-    )
+    assert all(np.all(np.isfinite(j)) for j in jax.jit(jax.jacrev(sampling.sample_cosine_hemisphere, (0, 1)))(n, u))
 
 
 def test_f4_last_stratum_stays_below_one():
@@ -116,10 +112,7 @@ def test_f4_last_stratum_stays_below_one():
     assert np.all(np.floor(np.asarray(placed) * n.astype(np.float32)) == n - 1)
 
 
-NUMBERS = {
-    name: jax.jit(jax.vmap(lambda s, f=f: f(s, 3), (Stream(0, 0, None, None),)))
-    for name, f in SAMPLERS.items()
-}
+NUMBERS = {name: jax.jit(jax.vmap(lambda s, f=f: f(s, 3), (Stream(0, 0, None, None),))) for name, f in SAMPLERS.items()}
 
 
 @pytest.mark.parametrize("spp", [1, 4, 16, 1000, 1_000_000])

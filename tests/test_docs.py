@@ -1,0 +1,81 @@
+"""Every command and snippet of README and docs runs, in a small size."""
+
+import re
+import runpy
+import tomllib
+import warnings
+from pathlib import Path
+
+import pytest
+
+import jaxrt
+from jaxrt.cli import main
+
+ROOT = Path(__file__).parent.parent
+COMMANDS = runpy.run_path(str(ROOT / "docs/draw_gallery.py"))["commands"]()
+SMALL = ["--width", "16", "--height", "16", "--spp", "1", "--max-depth", "1"]
+
+
+def blocks(page: str, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", (ROOT / page).read_text(), re.MULTILINE | re.DOTALL)
+
+
+def test_readme_has_two_set_up_commands() -> None:
+    install, test = (block.strip() for block in blocks("README.md", "sh"))
+    assert "\n" not in install + test
+    assert "jaxrt render scenes/room.toml" in install and "pytest" in test
+
+
+def test_readme_snippet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (snippet,) = blocks("README.md", "python")
+    assert "spp=4" in snippet
+    (tmp_path / "scenes").symlink_to(ROOT / "scenes")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    exec(snippet.replace("spp=4", "spp=1"), names)
+    assert (tmp_path / "room.exr").exists() and isinstance(names["brighter"], jaxrt.Scene)
+
+
+def test_readme_names_every_option() -> None:
+    text = (ROOT / "README.md").read_text()
+    for option in ("-o", *SMALL[::2], "--seed", "--sampler", "--cores", "--exposure", "--srgb"):
+        assert option in text
+
+
+@pytest.mark.parametrize("arguments", COMMANDS, ids=lambda a: " ".join(a[1:]))
+def test_gallery_command(
+    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "docs/gallery").mkdir(parents=True)
+    (tmp_path / "scenes").symlink_to(ROOT / "scenes")
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments + SMALL) == 0, capsys.readouterr().err
+    assert Path(arguments[arguments.index("-o") + 1]).exists()
+
+
+def test_gallery_shows_what_it_draws() -> None:
+    text = (ROOT / "docs/gallery.md").read_text()
+    for arguments in COMMANDS:
+        picture = arguments[arguments.index("-o") + 1]
+        assert f"({picture.removeprefix('docs/')})" in text and (ROOT / picture).exists(), picture
+
+
+def test_scene_file_example() -> None:
+    (example,) = blocks("docs/scene-format.md", "toml")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", jaxrt.SceneWarning)
+        scene = jaxrt.build(tomllib.loads(example))
+    assert scene.camera.width == 512 and scene.materials.glass is not None
+
+
+@pytest.mark.parametrize("command", ["render", "info", "diff"])
+def test_help_runs(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main([command, "--help"])
+    assert stop.value.code == 0 and command in capsys.readouterr().out
+
+
+def test_links_lead_somewhere() -> None:
+    for page in (*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("benchmarks/*.md")):
+        for link in re.findall(r"\]\(([^)#]+)\)", page.read_text()):
+            assert link.startswith("https://") or (page.parent / link).exists(), f"{page.name}: {link}"
