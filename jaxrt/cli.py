@@ -193,7 +193,7 @@ def _start_jax(cores: int) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
         return
-    if not jax.config.read("jax_compilation_cache_dir") and os.access(folder, os.W_OK):
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ and os.access(folder, os.W_OK):
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 

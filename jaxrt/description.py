@@ -3,7 +3,6 @@
 import difflib
 import json
 import math
-import numbers
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Annotated, Any, Literal, Self
@@ -81,12 +80,12 @@ def _plain(value: Any) -> Any:
 
 def _number(value: Any) -> float:
     value = _plain(value)
-    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+    if isinstance(value, bool) or not isinstance(value, int | float):
         hint = "write it without quotes" if isinstance(value, str) else "write a number"
         raise _error(f"{show(value)} is not a number: {hint}")
     if not (math.isfinite(value) if isinstance(value, float) else True):
         raise _error(f"{show(value)} is not finite: write a finite number")
-    if abs(float(value)) > FLOAT32_MAX:
+    if abs(value) > FLOAT32_MAX:
         raise _error(f"{show(value)} is too large for float32: stay within ±3.4e38")
     return float(value)
 

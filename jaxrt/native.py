@@ -7,9 +7,7 @@ whose intermediates stay in the first-level cache. Other backends ignore the tag
 This file knows nothing of rendering.
 """
 
-import contextlib
-import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextvars import ContextVar
 from typing import Any, TypeVar
 
@@ -22,58 +20,46 @@ Operands = TypeVar("Operands")
 Result = TypeVar("Result")
 
 
-def map_packets(f: Callable[[Operands, Array], Result], operands: Operands, packets: Array) -> Result:
+def map_packets(
+    f: Callable[[Operands, Array], Result], operands: Operands, packets: Array, native: bool = True
+) -> Result:
     """Return `f(operands, packet)` for each of `packets`, stacked along a new leading axis, from one native loop.
 
     packets: (n,) int32. `f` may loop, branch and gather; scatter, sort and custom calls have no native form on a CPU
-    and make compilation fail. Must be called under `jax.jit`, where the tag is kept.
+    and make compilation fail. Must be called under `jax.jit`, where the tag is kept. native: False leaves the tags out,
+    for packets of many lanes: a CPU would split their operations over threads, which a native kernel cannot.
     """
     parcels, unpack = _pack(operands)
 
     def loop(parcels: dict[str, Array], packets: Array) -> tuple[Result, Array]:
         operands = unpack(parcels)
-        result = lax.map(lambda packet: f(operands, packet), packets)
+        inside = _native.set(native)
+        try:
+            result = lax.map(lambda packet: f(operands, packet), packets)
+        finally:
+            _native.reset(inside)
         return result, jnp.stack([a[0].astype(jnp.float32) for a in (*parcels.values(), packets)])
 
     # A tagged call with an operand that turns out unused aborts the process (jaxlib 0.10.1: "All or none of the slices
     # should have an explicit index"). So all go in as a few arrays, and a number of each comes out again.
-    return lax.optimization_barrier(_native(loop, parcels, packets))[0]
+    return lax.optimization_barrier((_tagged(loop) if native else loop)(parcels, packets))[0]
 
 
 def once(f: Callable[..., Result]) -> Callable[..., Result]:
     """Return f as a stage of a native kernel: its results are computed once and kept, however many uses they have.
 
     Without it, XLA's CPU backend computes a value anew in each operation that uses it, and their number multiplies from
-    stage to stage.
+    stage to stage. Outside `map_packets` it does nothing.
     """
-
-    @functools.wraps(f)
-    def stage(*operands: Any) -> Result:
-        return _native(f, *operands)
-
-    return stage
+    return lambda *operands: (_tagged(f) if _native.get() else f)(*operands)
 
 
-@contextlib.contextmanager
-def plain() -> Iterator[None]:
-    """Leave out the tags of what is traced inside: for packets of many lanes, as accelerators want them.
-
-    A CPU would split their operations over threads, which a native kernel cannot ("Fusion kind not implemented").
-    """
-    token = _tagged.set(False)
-    try:
-        yield
-    finally:
-        _tagged.reset(token)
+_native = ContextVar("_native", default=False)  # whether a native kernel is being traced
 
 
-_tagged = ContextVar("tagged", default=True)
-
-
-def _native(f: Callable[..., Result], *operands: Any) -> Result:
-    if not _tagged.get():
-        return f(*operands)
-    return set_xla_metadata(jax.jit(f)(*operands), xla_cpu_small_call="true", inlineable="false")
+def _tagged(f: Callable[..., Result]) -> Callable[..., Result]:
+    call = jax.jit(f)
+    return lambda *operands: set_xla_metadata(call(*operands), xla_cpu_small_call="true", inlineable="false")
 
 
 def _pack(tree: Operands) -> tuple[dict[str, Array], Callable[[dict[str, Array]], Operands]]:

@@ -80,8 +80,10 @@ def _assign(scene: Scene, new: Mapping[str, Array]) -> Scene:
     if lights is not None:
         lights = replace(lights, **_fields(new, "lights"))
     if spheres is not None and (changed := _fields(new, "spheres")):
+        # What the rounding of centre and radius lost stays in the power
+        lost = spheres.power - exact_power(spheres.center, spheres.radius)
         spheres = replace(spheres, **changed)
-        spheres = replace(spheres, power=exact_power(spheres.center, spheres.radius))
+        spheres = replace(spheres, power=exact_power(spheres.center, spheres.radius) + lost)
     if triangles is not None:
         triangles = replace(triangles, **_fields(new, "meshes"))
     return replace(

@@ -1,7 +1,6 @@
 """From a scene to a picture: the only vmap, packets of pixels, chunks of samples, devices."""
 
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -15,7 +14,7 @@ from jax.typing import ArrayLike
 from jaxrt.camera import camera_ray
 from jaxrt.description import RenderDefaults, nearest
 from jaxrt.maths import kahan_add
-from jaxrt.native import map_packets, plain
+from jaxrt.native import map_packets
 from jaxrt.path import Tables, radiance, tables_of
 from jaxrt.samplers import SAMPLERS, Stream, seed_from_key
 from jaxrt.scene import Scene
@@ -125,8 +124,8 @@ def _render_sum(scene: Scene, run: _Run, plan: _Plan) -> Array:
     operands = tables_of(scene), run
 
     def on_device(operands: tuple[Tables, _Run], packets: Array) -> Array:
-        with nullcontext() if plan.tile[0] * plan.tile[1] <= NATIVE_LANES else plain():
-            return map_packets(partial(_packet_sum, plan, columns), operands, packets[0])[None]
+        native = plan.tile[0] * plan.tile[1] <= NATIVE_LANES
+        return map_packets(partial(_packet_sum, plan, columns), operands, packets[0], native)[None]
 
     if n > 1:
         mesh = Mesh(plan.devices, ("packets",))

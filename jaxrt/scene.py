@@ -119,12 +119,12 @@ def _materials(scene: SceneDescription, dtype: DTypeLike) -> tuple[Materials, di
 def _spheres(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, dtype: DTypeLike) -> Spheres | None:
     if not scene.spheres:
         return None
-    # Round first: the power must be that of the sphere that the kernels see
-    center = np.asarray(np.asarray([s.center for s in scene.spheres], float) - origin, dtype)
-    radius = np.asarray([s.radius for s in scene.spheres], dtype)
-    power = np.sum(center.astype(float) ** 2, -1) - radius.astype(float) ** 2
+    center = np.asarray([s.center for s in scene.spheres], float) - origin
+    radius = np.asarray([s.radius for s in scene.spheres], float)
+    # Of the unrounded sphere: it puts a wall of radius 1e6 where it should be, though its centre is rounded to 1/16
+    power = np.sum(center**2, -1) - radius**2
     material = jnp.asarray([rows[s.material] for s in scene.spheres], jnp.int32)
-    return Spheres(jnp.asarray(center), jnp.asarray(radius), jnp.asarray(power, dtype), material)
+    return Spheres(jnp.asarray(center, dtype), jnp.asarray(radius, dtype), jnp.asarray(power, dtype), material)
 
 
 def _triangles(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, dtype: DTypeLike) -> Triangles | None:

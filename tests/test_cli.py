@@ -122,11 +122,11 @@ def test_jax_is_started_with_the_cores_and_a_cache(tmp_path, monkeypatch):
     monkeypatch.setattr(cli.gc, "disable", lambda: asked.append("no collector"))
     monkeypatch.setattr(jax.config, "update", options.__setitem__)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
     with jax.enable_x64(False):
         cli._start_jax(2)
     assert asked == [2, "no collector"]
-    if jax.config.jax_compilation_cache_dir is None:
-        assert options["jax_compilation_cache_dir"] == str(tmp_path / "jaxrt")
+    assert options["jax_compilation_cache_dir"] == str(tmp_path / "jaxrt")
     assert (tmp_path / "jaxrt").is_dir()
 
 

@@ -10,7 +10,7 @@ import pytest
 from jax import Array, lax
 
 import jaxrt
-from jaxrt.native import map_packets, once, plain
+from jaxrt.native import map_packets, once
 
 TAG = 'xla_cpu_small_call="true"'
 
@@ -64,14 +64,14 @@ def test_each_device_runs_one_native_kernel(room: jaxrt.Scene) -> None:
     assert re.search(r"num_partitions=2", text)
 
 
-def test_plain_leaves_the_tag_out() -> None:
-    def run(n: Array) -> Array:
-        with plain():
-            return map_packets(weigh, OPERANDS, n)
-
+def test_tags_can_be_left_out() -> None:
     numbers = jnp.arange(3, dtype=jnp.int32)
-    native = jax.jit(lambda n: map_packets(weigh, OPERANDS, n))
+    native, wide = (jax.jit(lambda n, tag=tag: map_packets(weigh, OPERANDS, n, tag)) for tag in (True, False))
     # Before compilation: XLA gives small loops the tag on its own account
-    assert "xla_cpu_small_call" not in jax.jit(run).lower(numbers).as_text()
     assert "xla_cpu_small_call" in native.lower(numbers).as_text()
-    np.testing.assert_allclose(jax.jit(run)(numbers), native(numbers), rtol=1e-6)
+    assert "xla_cpu_small_call" not in wide.lower(numbers).as_text()
+    np.testing.assert_allclose(wide(numbers), native(numbers), rtol=1e-6)
+
+
+def test_a_stage_outside_a_kernel_is_plain_code() -> None:
+    assert "xla_cpu_small_call" not in jax.jit(once(jnp.sin)).lower(jnp.ones(3)).as_text()
