@@ -9,6 +9,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
@@ -20,7 +21,8 @@ from jaxrt.checks import check_memory
 from jaxrt.description import SceneDescription, SceneError, SceneWarning, nearest, show
 from jaxrt.io.image import check_suffix, load_image, save_image
 from jaxrt.io.scene_file import read_description
-from jaxrt.render import render_sum, use_cpu_cores
+from jaxrt.programs import load_or_compile
+from jaxrt.render import Plan, Run, draw_sum, prepare, use_cpu_cores
 from jaxrt.samplers import SAMPLERS
 from jaxrt.scene import Scene, build
 from jaxrt.summary import print_summary
@@ -151,10 +153,10 @@ def _render(args: argparse.Namespace) -> None:
     _check_output(output)
     description = _described(args)
     start = time.perf_counter()
-    _start_jax(args.cores or _usable_cores())
+    folder = _start_jax(args.cores or _usable_cores())
     _check_sampler(args.sampler, description.render.spp)
     scene = _build(description)
-    image, compile_seconds, render_seconds = _draw(scene, args.seed, args.sampler)
+    image, compile_seconds, render_seconds = _draw(scene, args.seed, args.sampler, folder)
     with _refusing():
         save_image(output, image, exposure=args.exposure, srgb=args.srgb)
     height, width, _ = image.shape
@@ -183,19 +185,23 @@ def _usable_cores() -> int:
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
-def _start_jax(cores: int) -> None:
-    """Give JAX the cores, and let it keep compiled programs between runs."""
+def _start_jax(cores: int) -> Path | None:
+    """Give JAX the cores, and return the folder that keeps compiled programs between runs, if it can be written."""
     use_cpu_cores(cores)
-    # Tracing makes many objects that live as long as this short process: collecting costs a tenth of a warm start
+    # Tracing makes many objects that live as long as this short process: collecting them costs a tenth of the start
     gc.disable()
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jaxrt"
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
-        return
-    if "JAX_COMPILATION_CACHE_DIR" not in os.environ and os.access(folder, os.W_OK):
+        return None
+    if not os.access(folder, os.W_OK):
+        return None
+    # The small programs around the large one
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    return folder
 
 
 def _check_sampler(name: str, spp: int) -> None:
@@ -220,21 +226,22 @@ def _build(description: SceneDescription, warn: Callable[[object], None] = _warn
     return scene
 
 
-def _draw(scene: Scene, seed: int, sampler: str) -> tuple[Image, float, float]:
+def _draw(scene: Scene, seed: int, sampler: str, folder: Path | None) -> tuple[Image, float, float]:
     """Return the picture and the seconds of compiling and of rendering it."""
     spp = scene.defaults.spp
 
-    def draw(first: int, count: int) -> NDArray[np.float32]:
-        part = render_sum(scene, seed, first, count, spp=spp, max_depth=scene.defaults.max_depth, sampler=sampler)
-        return np.asarray(part)
+    def arguments(first: int, count: int) -> tuple[Scene, Run, Plan]:
+        return prepare(scene, seed, first, count, spp, sampler=sampler)
 
     with _progress(spp) as report:
         # Draw no sample, which compiles all the same
         start = time.perf_counter()
-        draw(0, 0)
+        nothing = arguments(0, 0)
+        program = load_or_compile(folder, *nothing) if folder else partial(draw_sum, plan=nothing[2])
+        program(*nothing[:2])
         compiled = time.perf_counter()
         report(0)
-        total = _accumulate(draw, spp, report)
+        total = _accumulate(lambda first, count: np.asarray(program(*arguments(first, count)[:2])), spp, report)
         done = time.perf_counter()
     return (total / spp).astype(np.float32), compiled - start, done - compiled
 

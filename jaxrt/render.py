@@ -24,7 +24,7 @@ WIDE_TILE = (512, 128)  # on accelerators, which want many lanes at once
 NATIVE_LANES = 1024  # packets of more lanes are not compiled as one native kernel
 
 
-class _Plan(NamedTuple):
+class Plan(NamedTuple):
     """How a picture is drawn: what is compiled, besides the scene's structure."""
 
     max_depth: int
@@ -34,7 +34,7 @@ class _Plan(NamedTuple):
     devices: tuple[jax.Device, ...]
 
 
-class _Run(NamedTuple):
+class Run(NamedTuple):
     """Which samples are drawn: traced, so that one compilation serves them all."""
 
     seed: Array  # () uint32
@@ -100,6 +100,36 @@ def render_sum(
     Sums of chunks that cover 0 … spp − 1 add up to `spp` times the picture of `render`. `first`, `count` and `spp` may
     change without another compilation. The rest is as for `render`.
     """
+    return draw_sum(
+        *prepare(
+            scene,
+            key,
+            first,
+            count,
+            spp,
+            max_depth=max_depth,
+            sampler=sampler,
+            unroll=unroll,
+            tile=tile,
+            devices=devices,
+        )
+    )
+
+
+def prepare(
+    scene: Scene,
+    key: int | Array,
+    first: ArrayLike,
+    count: ArrayLike,
+    spp: ArrayLike,
+    *,
+    max_depth: int | None = None,
+    sampler: str = "sobol",
+    unroll: bool = False,
+    tile: tuple[int, int] | None = None,
+    devices: Sequence[jax.Device] | None = None,
+) -> tuple[Scene, Run, Plan]:
+    """Return the arguments of `draw_sum` from those of `render_sum`, checked."""
     max_depth = scene.defaults.max_depth if max_depth is None else max_depth
     if max_depth < 1:
         raise ValueError(f"render: max_depth is {max_depth}, want at least 1")
@@ -107,13 +137,13 @@ def render_sum(
         raise ValueError(f"render: unknown sampler {sampler!r}{nearest(sampler, SAMPLERS)}")
     devices = tuple(jax.devices() if devices is None else devices)
     tile = tile or (CPU_TILE if devices[0].platform == "cpu" else WIDE_TILE)
-    scene = replace(scene, defaults=RenderDefaults())
-    run = _Run(seed_from_key(key), jnp.int32(first), jnp.int32(first) + jnp.int32(count), jnp.int32(spp))
-    return _render_sum(scene, run, _Plan(max_depth, sampler, unroll, tile, devices))
+    run = Run(seed_from_key(key), jnp.int32(first), jnp.int32(first) + jnp.int32(count), jnp.int32(spp))
+    # The defaults are spent: scenes that differ in them alone share a program
+    return replace(scene, defaults=RenderDefaults()), run, Plan(max_depth, sampler, unroll, tile, devices)
 
 
 @partial(jax.jit, static_argnames="plan")
-def _render_sum(scene: Scene, run: _Run, plan: _Plan) -> Array:
+def draw_sum(scene: Scene, run: Run, plan: Plan) -> Array:
     """Return the sum of samples: packets dealt to devices in turn, one native loop on each."""
     width, height = scene.camera.width, scene.camera.height
     columns, rows = -(-width // plan.tile[0]), -(-height // plan.tile[1])
@@ -123,7 +153,7 @@ def _render_sum(scene: Scene, run: _Run, plan: _Plan) -> Array:
     packets = jnp.arange(share * n, dtype=jnp.int32).reshape(share, n).T
     operands = tables_of(scene), run
 
-    def on_device(operands: tuple[Tables, _Run], packets: Array) -> Array:
+    def on_device(operands: tuple[Tables, Run], packets: Array) -> Array:
         native = plan.tile[0] * plan.tile[1] <= NATIVE_LANES
         return map_packets(partial(_packet_sum, plan, columns), operands, packets[0], native)[None]
 
@@ -141,7 +171,7 @@ def _render_sum(scene: Scene, run: _Run, plan: _Plan) -> Array:
     return sums.reshape(rows * plan.tile[1], columns * plan.tile[0], 3)[:height, :width]
 
 
-def _packet_sum(plan: _Plan, columns: int, operands: tuple[Tables, _Run], packet: Array) -> Array:
+def _packet_sum(plan: Plan, columns: int, operands: tuple[Tables, Run], packet: Array) -> Array:
     """Return the sums (lanes, 3) of the packet's pixels, in row order of its tile."""
     tables, run = operands
     width, height = plan.tile
@@ -157,7 +187,7 @@ def _packet_sum(plan: _Plan, columns: int, operands: tuple[Tables, _Run], packet
     return lax.fori_loop(run.first, run.end, add_sample, (nothing, nothing))[0]
 
 
-def _sample(plan: _Plan, tables: Tables, run: _Run, sample: Array, x: Array, y: Array) -> Array:
+def _sample(plan: Plan, tables: Tables, run: Run, sample: Array, x: Array, y: Array) -> Array:
     """Return the radiance (3,) of one sample of pixel (x, y), column and row."""
     dtype = tables.camera.position.dtype
     pixel = y.astype(jnp.uint32) * jnp.uint32(tables.camera.width) + x.astype(jnp.uint32)

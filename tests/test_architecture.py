@@ -14,7 +14,7 @@ LAYERS = [
     {"scene"},
     {"parameters", "path"},
     {"render"},
-    {"io", "summary"},
+    {"io", "summary", "programs"},
     {"cli"},
     {"__init__", "__main__"},
 ]

@@ -106,7 +106,7 @@ def test_exposure_and_srgb_reach_the_file(folder, capsys):
 
 def test_the_cores_are_all_usable_ones_unless_told(folder, capsys, monkeypatch):
     asked = []
-    monkeypatch.setattr(cli, "_start_jax", asked.append)
+    monkeypatch.setattr(cli, "_start_jax", lambda cores: asked.append(cores))
     run(capsys, "render", "ball.toml")
     run(capsys, "render", "ball.toml", "--cores", 3)
     assert asked == [cli._usable_cores(), 3]

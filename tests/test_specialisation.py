@@ -11,7 +11,7 @@ import pytest
 from jax.extend import core
 
 import jaxrt
-from jaxrt.render import _render_sum
+from jaxrt.render import draw_sum
 
 CAMERA = {"position": [0, 0, 55], "width": 8, "height": 8}
 BALL = {"center": [0, 0, 0], "radius": 10, "material": "white"}
@@ -117,7 +117,7 @@ def test_cumulative_pick_only_for_several_lights(programs: dict[str, Counter[str
 
 def test_one_program_for_many_values() -> None:
     scene = build("sphere light")
-    before = _render_sum._cache_size()
+    before = draw_sum._cache_size()
     pictures = []
     for value in (1.0, 2.0, 3.0):
         changes = {
@@ -130,5 +130,5 @@ def test_one_program_for_many_values() -> None:
         other = jaxrt.with_parameters(scene, changes)
         for key, spp in ((0, 1), (jax.random.key(7), 2)):
             pictures.append(jaxrt.render(other, key, spp=spp, max_depth=1))
-    assert _render_sum._cache_size() == before + 1
+    assert draw_sum._cache_size() == before + 1
     assert len({float(jnp.sum(p)) for p in pictures}) == len(pictures)

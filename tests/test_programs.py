@@ -1,0 +1,57 @@
+"""Compiled programs kept in a folder: the same picture, another file for another structure, damage mended."""
+
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxrt
+from jaxrt.programs import load_or_compile
+from jaxrt.render import draw_sum, prepare
+
+SCENE = {
+    "camera": {"position": [0, 0, 55], "width": 16, "height": 8},
+    "materials": {"white": {"type": "diffuse", "albedo": [0.8, 0.8, 0.8]}},
+    "spheres": [{"center": [0, 0, 0], "radius": 10, "material": "white"}],
+    "lights": [{"position": [-10, 20, 40], "intensity": 3000}],
+}
+
+
+def programs(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.program"))
+
+
+@pytest.mark.parametrize("devices", [1, 2])
+def test_a_kept_program_draws_the_same_picture(tmp_path: Path, devices: int) -> None:
+    scene, run, plan = prepare(jaxrt.build(SCENE), 3, 0, 4, 4, max_depth=1, devices=jax.devices()[:devices])
+    expected = np.asarray(draw_sum(scene, run, plan))
+    for _ in range(2):  # compiled, then loaded
+        np.testing.assert_array_equal(load_or_compile(tmp_path, scene, run, plan)(scene, run), expected)
+    (file,) = programs(tmp_path)
+    # Other values, the same program
+    other, run, plan = prepare(
+        jaxrt.with_parameters(scene, {"lights.position": jnp.array([[10.0, 20, 40]])}), 3, 0, 4, 4,
+        max_depth=1, devices=jax.devices()[:devices],
+    )  # fmt: skip
+    loaded = load_or_compile(tmp_path, other, run, plan)
+    np.testing.assert_array_equal(loaded(other, run), draw_sum(other, run, plan))
+    assert programs(tmp_path) == [file]
+
+
+def test_another_structure_is_another_program(tmp_path: Path) -> None:
+    for change in ({}, {"environment": {"radiance": [1, 1, 1]}}, {"camera": SCENE["camera"] | {"width": 17}}):
+        load_or_compile(tmp_path, *prepare(jaxrt.build(SCENE | change), 0, 0, 1, 1, max_depth=1))
+    load_or_compile(tmp_path, *prepare(jaxrt.build(SCENE), 0, 0, 1, 1, max_depth=2))
+    assert len(programs(tmp_path)) == 4
+
+
+def test_a_damaged_program_is_compiled_anew(tmp_path: Path) -> None:
+    arguments = prepare(jaxrt.build(SCENE), 0, 0, 1, 1, max_depth=1)
+    load_or_compile(tmp_path, *arguments)
+    (file,) = programs(tmp_path)
+    whole = file.read_bytes()
+    file.write_bytes(whole[: len(whole) // 2])
+    np.testing.assert_array_equal(load_or_compile(tmp_path, *arguments)(*arguments[:2]), draw_sum(*arguments))
+    assert programs(tmp_path) == [file] and len(file.read_bytes()) > len(whole) // 2
