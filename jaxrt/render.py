@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypedDict, Unpack
 
 import jax
 import jax.numpy as jnp
@@ -82,38 +82,25 @@ def render(
     return total / spp
 
 
+class Options(TypedDict, total=False):
+    """How to render, besides what; see `render`."""
+
+    max_depth: int | None
+    sampler: str
+    unroll: bool
+    tile: tuple[int, int] | None
+    devices: Sequence[jax.Device] | None
+
+
 def render_sum(
-    scene: Scene,
-    key: int | Array,
-    first: ArrayLike,
-    count: ArrayLike,
-    *,
-    spp: ArrayLike,
-    max_depth: int | None = None,
-    sampler: str = "sobol",
-    unroll: bool = False,
-    tile: tuple[int, int] | None = None,
-    devices: Sequence[jax.Device] | None = None,
+    scene: Scene, key: int | Array, first: ArrayLike, count: ArrayLike, *, spp: ArrayLike, **options: Unpack[Options]
 ) -> Array:
     """Return the sum (height, width, 3) of samples first … first + count − 1 out of `spp` in each pixel.
 
     Sums of chunks that cover 0 … spp − 1 add up to `spp` times the picture of `render`. `first`, `count` and `spp` may
     change without another compilation. The rest is as for `render`.
     """
-    return draw_sum(
-        *prepare(
-            scene,
-            key,
-            first,
-            count,
-            spp,
-            max_depth=max_depth,
-            sampler=sampler,
-            unroll=unroll,
-            tile=tile,
-            devices=devices,
-        )
-    )
+    return draw_sum(*prepare(scene, key, first, count, spp, **options))
 
 
 def prepare(
