@@ -1,7 +1,8 @@
 """jaxrt: a differentiable Monte-Carlo path tracer in JAX."""
 
 from jaxrt.description import SceneError, SceneWarning
-from jaxrt.io import load_image, load_scene, save_image
+from jaxrt.gradcheck import gradcheck
+from jaxrt.io import load_image, load_mesh, load_scene, save_image
 from jaxrt.parameters import parameters, with_parameters
 from jaxrt.render import render, use_cpu_cores
 from jaxrt.scene import Scene, build
@@ -11,7 +12,9 @@ __all__ = [
     "SceneError",
     "SceneWarning",
     "build",
+    "gradcheck",
     "load_image",
+    "load_mesh",
     "load_scene",
     "parameters",
     "render",

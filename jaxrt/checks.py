@@ -10,16 +10,16 @@ from jaxrt.description import (
     Diffuse,
     Glass,
     LightDescription,
+    MeshDescription,
     SceneDescription,
     SceneError,
     Solid,
     SphereDescription,
 )
+from jaxrt.mesh_facts import Floats, count_edges, distance_range, signed_volume, triangle_distances, winding_number
 
 BYTES_PER_PIXEL = 72  # float32 sum, compensation, copy (36); float64 sum on the host (24); encoding (12)
 TOO_NEAR = 1e-2  # of the distances around a point light: indirect light then has a relative error of dozens
-
-Floats = NDArray[np.float64]
 
 
 def check_memory(width: int, height: int, source: str = "scene") -> None:
@@ -46,6 +46,9 @@ def warnings_of(description: SceneDescription) -> list[str]:
     return [
         *_dark(description),
         *_walled_in(description),
+        *_walled_in_meshes(description),
+        *_dropped_faces(description),
+        *_unsound_glass(description),
         *_point_light_and_glass(description),
         *_overlapping_glass(description),
         *_near_point_lights(description),
@@ -83,11 +86,82 @@ def _walled_in(scene: SceneDescription) -> Iterator[str]:
         yield f"the camera is inside of spheres[{wall}] without lights: the picture is black, move it"
 
 
+def _walled_in_meshes(scene: SceneDescription) -> Iterator[str]:
+    """Find lights that closed opaque meshes part from the camera."""
+    for m, mesh in enumerate(scene.meshes):
+        if _has(scene, mesh, Glass):
+            continue
+        places = [scene.camera.position, *(light.position for light in scene.lights)]
+        camera_inside, *lights_inside = (_inside_mesh(place, mesh) for place in places)
+        for i, inside in enumerate(lights_inside):
+            if inside != camera_inside:
+                light_is, camera_is = ("inside", "outside") if inside else ("outside", "inside")
+                yield (
+                    f"lights[{i}] is {light_is} of meshes[{m}] ({mesh.names[0]}) and the camera {camera_is}: its "
+                    "light cannot be seen, move one of them"
+                )
+        if not scene.lights and scene.environment and camera_inside:
+            yield f"the camera is inside of meshes[{m}] without lights: the picture is black, move it"
+
+
+def _inside_mesh(place: tuple[float, float, float], mesh: MeshDescription) -> bool:
+    """Return whether a mesh that is closed holds a place; its box answers first, since it costs least."""
+    point, faces = np.array(place), mesh.faces[mesh.kept]
+    if not ((mesh.world.min(axis=0) < point) & (point < mesh.world.max(axis=0))).all():
+        return False
+    return winding_number(point, mesh.world, faces) != 0 and not count_edges(mesh.world, faces).open
+
+
+def _dropped_faces(scene: SceneDescription) -> Iterator[str]:
+    """Find faces that no ray can hit."""
+    for m, mesh in enumerate(scene.meshes):
+        dropped = len(mesh.faces) - len(mesh.kept)
+        if dropped:
+            first = int(np.argmax(~np.isin(np.arange(len(mesh.faces)), mesh.kept)))
+            yield f"{_title(m, mesh)}: {dropped} of {len(mesh.faces)} faces have no area and are dropped, first {first}"
+
+
+def _unsound_glass(scene: SceneDescription) -> Iterator[str]:
+    """Find glass meshes on which inside and outside are not told apart."""
+    for m, mesh in enumerate(scene.meshes):
+        if not _has(scene, mesh, Glass):
+            continue
+        faces, title = mesh.faces[mesh.kept], _title(m, mesh)
+        edges = count_edges(mesh.world, faces)
+        if edges.open:
+            yield f"{title}: is glass and not closed, {edges.open} edges have one face: refraction is wrong, close it"
+        if edges.crowded:
+            yield (
+                f"{title}: is glass and {edges.crowded} edges have three faces or more: refraction may be wrong "
+                "there, part the bodies"
+            )
+        if edges.flipped:
+            yield (
+                f"{title}: is glass and at {edges.flipped} edges two faces disagree on the outside: refraction is "
+                "wrong, make the winding consistent"
+            )
+        elif not edges.open and signed_volume(mesh.world, faces) < 0:
+            yield (
+                f"{title}: is glass and its faces wind clockwise seen from outside, so that its inside is outside: "
+                "refraction is wrong, reverse the faces"
+            )
+
+
+def _title(m: int, mesh: MeshDescription) -> str:
+    return f"meshes[{m}]" + (f" ({mesh.file})" if mesh.file else "")
+
+
+def _has(scene: SceneDescription, mesh: MeshDescription, kind: type) -> bool:
+    """Return whether any material of the mesh is of this kind."""
+    return any(isinstance(scene.materials[name], kind) for name in mesh.names)
+
+
 def _point_light_and_glass(scene: SceneDescription) -> Iterator[str]:
     """Find point lights in a scene with glass: neither a light sample nor a scattered ray joins the two."""
     points = [i for i, light in enumerate(scene.lights) if not light.radius]
     solids: list[Solid] = [*scene.spheres, *scene.triangles]
-    if points and any(isinstance(scene.materials[s.material], Glass) for s in solids):
+    glass = any(isinstance(scene.materials[s.material], Glass) for s in solids)
+    if points and (glass or any(_has(scene, mesh, Glass) for mesh in scene.meshes)):
         yield (
             f"lights[{points[0]}] is a point light and the scene has glass: no path can connect them, so "
             "glass casts a black shadow; use a radius > 0"
@@ -125,26 +199,16 @@ def _near_point_lights(scene: SceneDescription) -> Iterator[str]:
 
 
 def _surface_distances(scene: SceneDescription, light: LightDescription) -> Floats:
-    """Return the distances (n,) from a light's centre to each diffuse sphere and triangle."""
+    """Return the distances from a light's centre to each diffuse sphere and triangle, two for each diffuse mesh."""
     point = np.array(light.position)
     spheres = [s for s in scene.spheres if isinstance(scene.materials[s.material], Diffuse)]
     centers, radii = _centers_and_radii(spheres)
     to_spheres = np.abs(np.linalg.norm(centers - point, axis=-1) - radii)
     corners = [t.vertices for t in scene.triangles if isinstance(scene.materials[t.material], Diffuse)]
-    return np.concatenate([to_spheres, _triangle_distances(point, np.array(corners).reshape(-1, 3, 3))])
-
-
-def _triangle_distances(point: Floats, vertices: Floats) -> Floats:
-    """Return the distances (n,) from a point (3,) to triangles (n, 3, 3)."""
-    start, edge = vertices, np.roll(vertices, -1, axis=1) - vertices
-    # Distance to each edge
-    t = np.sum((point - start) * edge, axis=-1) / np.sum(edge * edge, axis=-1)
-    to_edges = np.linalg.norm(start + np.clip(t, 0, 1)[..., None] * edge - point, axis=-1).min(axis=-1)
-    # Distance to the plane, where the foot of the perpendicular is inside all three edges
-    normal = np.cross(edge[:, 0], edge[:, 1])
-    side = np.sum(np.cross(edge, point - start) * normal[:, None], axis=-1)
-    to_plane = np.abs(np.sum((point - start[:, 0]) * normal, axis=-1)) / np.linalg.norm(normal, axis=-1)
-    return np.where((side >= 0).all(axis=-1), to_plane, to_edges)
+    to_triangles = triangle_distances(point, np.array(corners).reshape(-1, 3, 3))
+    meshes = [m for m in scene.meshes if _has(scene, m, Diffuse)]
+    to_meshes = [d for m in meshes for d in distance_range(point, m.world, m.faces[m.kept])]
+    return np.concatenate([to_spheres, to_triangles, to_meshes])
 
 
 def _centers_and_radii(spheres: list[SphereDescription]) -> tuple[Floats, Floats]:

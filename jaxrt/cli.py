@@ -1,4 +1,4 @@
-"""The command line: `jaxrt render`, `jaxrt info`, `jaxrt diff`."""
+"""The command line: `jaxrt render`, `jaxrt info`, `jaxrt diff`, `jaxrt gradcheck`."""
 
 import argparse
 import gc
@@ -8,7 +8,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import NoReturn
@@ -19,17 +19,21 @@ from numpy.typing import NDArray
 
 from jaxrt.checks import check_memory
 from jaxrt.description import SceneDescription, SceneError, SceneWarning, nearest, show
+from jaxrt.gradcheck import gradcheck, heatmap
 from jaxrt.io.image import check_suffix, load_image, save_image
 from jaxrt.io.scene_file import read_description
 from jaxrt.programs import load_or_compile
 from jaxrt.render import Plan, Run, draw_sum, prepare, use_cpu_cores
 from jaxrt.samplers import SAMPLERS
 from jaxrt.scene import Scene, build
+from jaxrt.selectors import parse_selector
 from jaxrt.summary import print_summary
 
 CHUNK_SECONDS = 0.5  # between two steps of the progress bar, more for long runs
 CHUNKS = 20  # about as many steps a run
 CHUNK_SECONDS_MAX = 5.0
+CHECK_SIDE = 64  # pixels of the longer side of the pictures that gradients are checked on
+CHECK_SPP = 256
 RELATIVE_FLOOR = 1e-2  # added to the squared reference in the relative MSE, so that black pixels do not rule it
 COUNT_MAX = 2**31 - 1
 SEED_MAX = 2**32 - 1
@@ -51,18 +55,18 @@ class _Parser(argparse.ArgumentParser):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status.
 
-    0: done. 2: bad scene or arguments, told in one line on stderr. 130: interrupted. Only 0 writes a file.
+    0: done. 1: a gradient differs from finite differences, or noise leaves it open. 2: bad scene or arguments, told in
+    one line on stderr. 130: interrupted. Only 0 and 1 write a file.
     """
     try:
         args = _parser().parse_args(argv)
-        args.run(args)
+        return args.run(args) or 0
     except (SceneError, UsageError) as error:
         print(f"jaxrt: error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("jaxrt: interrupted, nothing written", file=sys.stderr)
         return 130
-    return 0
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -80,6 +84,10 @@ def _parser() -> argparse.ArgumentParser:
     diff.add_argument("-o", "--output", type=Path, default=Path("diff.png"), help="error picture (diff.png)")
     diff.add_argument("--srgb", action="store_true", help="PNG holds the sRGB curve, not gamma 2.2")
     diff.set_defaults(run=_diff)
+
+    _add_gradcheck(
+        commands.add_parser("gradcheck", help="compare a gradient with finite differences", allow_abbrev=False)
+    )
     return parser
 
 
@@ -97,6 +105,24 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--exposure", type=_real, default=0.0, metavar="EV", help="brighten by 2**EV (0)")
     parser.add_argument("--srgb", action="store_true", help="write PNG by the sRGB curve, not gamma 2.2")
     parser.set_defaults(run=_render)
+
+
+def _add_gradcheck(parser: argparse.ArgumentParser) -> None:
+    count, seed = _integer(1, COUNT_MAX), _integer(0, SEED_MAX)
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
+    parser.add_argument("parameter", metavar="NAME[ROW]", help="such as lights.position[0] or materials.albedo[white]")
+    parser.add_argument("-o", "--output", type=Path, help="picture: finite differences | interior only | with edges")
+    parser.add_argument("--spp", type=count, metavar="N", help=f"samples per pixel ({CHECK_SPP})")
+    parser.add_argument("--max-depth", type=count, metavar="D", help="scattering events along a path")
+    parser.add_argument("--width", type=count, metavar="W", help=f"columns (the longer side has {CHECK_SIDE} pixels)")
+    parser.add_argument("--height", type=count, metavar="H", help="rows")
+    parser.add_argument("--boundary-samples", type=_integer(0, COUNT_MAX), metavar="N", help="on edges (4 a pixel)")
+    parser.add_argument("--component", type=_integer(0, 2), metavar="I", help="of a vector: 0, 1 or 2 (all)")
+    parser.add_argument("--step", type=float, metavar="H", help="of the finer difference (about 1 %% of what matters)")
+    parser.add_argument("--seeds", type=_integer(2, COUNT_MAX), default=8, metavar="N", help="for error bars (8)")
+    parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of the random numbers (0)")
+    parser.add_argument("--cores", type=count, metavar="N", help="CPU cores (all)")
+    parser.set_defaults(run=_gradcheck)
 
 
 def _integer(low: int, high: int) -> Callable[[str], int]:
@@ -246,6 +272,41 @@ def _draw(scene: Scene, seed: int, sampler: str, folder: Path | None) -> tuple[I
     return (total / spp).astype(np.float32), compiled - start, done - compiled
 
 
+def _gradcheck(args: argparse.Namespace) -> int:
+    if args.output is not None:
+        _check_output(args.output)
+    if args.width is None and args.height is None:
+        args.width, args.height = _check_size(args.scene)
+    args.spp = args.spp or CHECK_SPP
+    description = _described(args)
+    _start_jax(args.cores or _usable_cores())
+    scene = _build(description)
+    name, row = parse_selector(args.parameter, scene, description)
+    options = {k: getattr(args, k) for k in ("component", "boundary_samples", "step", "seeds")}
+    with ExitStack() as stack:
+        report: Callable[[int], None] | None = None
+
+        def progress(done: int, total: int) -> None:
+            nonlocal report
+            report = report or stack.enter_context(_progress(total, "draws"))
+            report(done)
+
+        with _refusing():
+            found = gradcheck(scene, name, args.seed, row=row, progress=progress, **options)
+    if args.output is not None:
+        with _refusing():
+            save_image(args.output, heatmap(found.components))
+    print(found)
+    return 0 if found.verdict == "agrees" else 1
+
+
+def _check_size(path: Path) -> tuple[int, int]:
+    """Return width and height of the scene's picture, made small."""
+    camera = read_description(path).camera
+    share = min(1, CHECK_SIDE / max(camera.width, camera.height))
+    return max(1, round(camera.width * share)), max(1, round(camera.height * share))
+
+
 def _accumulate(
     draw: Callable[[int, int], NDArray[np.float32]], spp: int, report: Callable[[int], None]
 ) -> NDArray[np.float64]:
@@ -265,17 +326,17 @@ def _accumulate(
 
 
 @contextmanager
-def _progress(spp: int) -> Iterator[Callable[[int], None]]:
-    """Yield a function to call with the samples done: a bar on a terminal, lines elsewhere, on stderr."""
+def _progress(count: int, unit: str = "spp") -> Iterator[Callable[[int], None]]:
+    """Yield a function to call with the units done: a bar on a terminal, lines elsewhere, on stderr."""
     if not sys.stderr.isatty():
-        yield _lines(spp)
+        yield _lines(count, unit)
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("compiling", total=spp)
+        task = bar.add_task("compiling", total=count)
 
         def update(done: int) -> None:
             # Forget the time of compiling, or the time left would count it
@@ -286,18 +347,18 @@ def _progress(spp: int) -> Iterator[Callable[[int], None]]:
         yield update
 
 
-def _lines(spp: int) -> Callable[[int], None]:
-    """Return a function that prints a line for each twentieth of the samples; 0 starts its clock."""
+def _lines(count: int, unit: str) -> Callable[[int], None]:
+    """Return a function that prints a line for each twentieth of the count; 0 starts its clock."""
     start, told = time.perf_counter(), 0
 
     def report(done: int) -> None:
         nonlocal start, told
         if done == 0:
             start = time.perf_counter()
-        elif done * CHUNKS // spp > told:
-            told = done * CHUNKS // spp
-            left = (time.perf_counter() - start) * (spp - done) / done
-            print(f"jaxrt: {done}/{spp} spp, {left:.1f} s left", file=sys.stderr, flush=True)
+        elif done * CHUNKS // count > told:
+            told = done * CHUNKS // count
+            left = (time.perf_counter() - start) * (count - done) / done
+            print(f"jaxrt: {done}/{count} {unit}, {left:.1f} s left", file=sys.stderr, flush=True)
 
     return report
 

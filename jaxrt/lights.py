@@ -5,13 +5,17 @@ gives the irradiance I · 2/(d² (1 + √(1 − s²))), s = r/d: finite at r = 0
 cancellation in 1 − cosθ_max that breaks small lights.
 """
 
+from typing import Any
+
+import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
+from jaxrt.gather import take
 from jaxrt.maths import dot, normalize, safe_divide, safe_sqrt, unit_roundoff
 from jaxrt.pytree import pytree
 from jaxrt.records import LightSample
-from jaxrt.sampling import cone_of_sphere, sample_cone
+from jaxrt.sampling import cone_of_sphere, pdf_visible_cap, sample_cone, sample_visible_cap
 
 
 @pytree
@@ -61,7 +65,7 @@ def sample_light(table: LightTable, point: Array, u: tuple[Array, Array]) -> Lig
     """
     lights = table.lights
     light, share, u0 = _pick_light(table, u[0])
-    position, intensity = lights.position[light], lights.intensity[light]
+    position, intensity = take(lights.position, light), take(lights.intensity, light)
     toward = position - point
     squared = dot(toward, toward)
     distance = safe_sqrt(squared)
@@ -69,7 +73,7 @@ def sample_light(table: LightTable, point: Array, u: tuple[Array, Array]) -> Lig
     rounding = 8 * unit_roundoff(point) * (jnp.sum(jnp.abs(position)) + distance)
     if lights.radius is None:
         return LightSample(axis, distance - rounding, intensity * safe_divide(1 / share, squared), light)
-    s = safe_divide(lights.radius[light], distance)
+    s = safe_divide(take(lights.radius, light), distance)
     s2 = jnp.minimum(s * s, 1)
     outside = s < 1
     x = cone_of_sphere(s2)
@@ -83,9 +87,55 @@ def sample_light(table: LightTable, point: Array, u: tuple[Array, Array]) -> Lig
     return LightSample(direction, near - rounding, irradiance, light)
 
 
+def sample_light_attached(table: LightTable, point: Array, u: tuple[Array, Array]) -> LightSample:
+    """Return a light sample for a point whose derivatives hold its place on the light fixed: c + r ω, ω constant.
+
+    ω is uniform over the disk that the visible cap fills. The irradiance is that of the area around ω over the density
+    of ω, I/π · cosθ_y / (|x − y|² pdf): finite at r = 0. Sampled from the cone instead, derivatives would either hold
+    other things fixed than the moving edges do, or have infinite variance.
+    """
+    lights = table.lights
+    if lights.radius is None:
+        return sample_light(table, point, u)
+    light, share, u0 = _pick_light(table, u[0])
+    center, intensity, radius = (take(field, light) for field in (lights.position, lights.intensity, lights.radius))
+    # Choose the place without derivative
+    away = lax.stop_gradient(point - center)
+    s = safe_divide(lax.stop_gradient(radius), safe_sqrt(dot(away, away)))
+    axis = normalize(away)
+    omega = sample_visible_cap(axis, jnp.minimum(s, 1), (u0, u[1]))
+    pdf = pdf_visible_cap(dot(axis, omega), jnp.minimum(s, 1))
+    # Look at it from the point
+    direction, distance, facing = _view(center + radius * omega - point, omega)
+    weight = jnp.where((s < 1) & (pdf > 0), safe_divide(jnp.ones_like(pdf), jnp.pi * pdf * share), 0)
+    rounding = 8 * unit_roundoff(point) * (jnp.sum(jnp.abs(center)) + radius + distance)
+    return LightSample(direction, distance - rounding, intensity * (facing * weight), light)
+
+
+@jax.custom_jvp
+def _view(v: Array, omega: Array) -> tuple[Array, Array, Array]:
+    """Return direction and length of v, and max(−cos∠(v, ω), 0)/|v|²: how a piece of surface looks from v away.
+
+    omega: the unit normal there, held fixed. The derivatives are written out: backwards, they need to remember little.
+    """
+    squared = dot(v, v)
+    direction = normalize(v)
+    return direction, safe_sqrt(squared), safe_divide(jnp.maximum(-dot(direction, omega), 0), squared)
+
+
+@_view.defjvp
+def _view_jvp(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Any, Any]:
+    (v, omega), dv = primals, tangents[0]
+    direction, distance, facing = view = _view(v, omega)
+    inverse = safe_divide(jnp.ones_like(distance), distance)
+    slope = jnp.where(facing > 0, inverse * inverse * inverse, 0) * (3 * dot(omega, direction) * direction - omega)
+    along = dot(direction, dv)
+    return view, ((dv - along * direction) * inverse, along, dot(slope, dv))
+
+
 def emitted_radiance(lights: Lights, light: Array, eye: Array) -> Array:
     """Return the radiance (3,) W·sr⁻¹·m⁻² that a point `eye` sees of sphere light number `light`: 0 from inside."""
     assert lights.radius is not None
-    r, away = lights.radius[light], eye - lights.position[light]
+    r, away = take(lights.radius, light), eye - take(lights.position, light)
     outside = dot(away, away) > r * r
-    return jnp.where(outside, lights.intensity[light] * safe_divide(jnp.ones_like(r), jnp.pi * r * r), 0)
+    return jnp.where(outside, take(lights.intensity, light) * safe_divide(jnp.ones_like(r), jnp.pi * r * r), 0)

@@ -9,6 +9,7 @@ This file knows nothing of rendering.
 
 from collections.abc import Callable
 from contextvars import ContextVar
+from functools import partial
 from typing import Any, TypeVar
 
 import jax
@@ -29,20 +30,41 @@ def map_packets(
     and make compilation fail. Must be called under `jax.jit`, where the tag is kept. native: False leaves the tags out,
     for packets of many lanes: a CPU would split their operations over threads, which a native kernel cannot.
     """
+    return _call(lambda operands, packets: lax.map(partial(f, operands), packets), operands, packets, native)
+
+
+def fold_packets(
+    f: Callable[[Operands, Array, Result], Result], operands: Operands, start: Result, packets: Array, native: bool = True
+) -> Result:
+    """Return what `start` has become after total = f(operands, packet, total) for each of `packets` in turn.
+
+    One native loop, as for `map_packets`.
+    """
+
+    def fold(operands: tuple[Operands, Result], packets: Array) -> Result:
+        rest, start = operands
+        return lax.scan(lambda total, packet: (f(rest, packet, total), None), start, packets)[0]
+
+    return _call(fold, (operands, start), packets, native)
+
+
+def _call(
+    loop: Callable[[Operands, Array], Result], operands: Operands, packets: Array, native: bool
+) -> Result:
+    """Return loop(operands, packets), compiled as one native kernel."""
     parcels, unpack = _pack(operands)
 
-    def loop(parcels: dict[str, Array], packets: Array) -> tuple[Result, Array]:
-        operands = unpack(parcels)
+    def unpacked(parcels: dict[str, Array], packets: Array) -> tuple[Result, Array]:
         inside = _native.set(native)
         try:
-            result = lax.map(lambda packet: f(operands, packet), packets)
+            result = loop(unpack(parcels), packets)
         finally:
             _native.reset(inside)
         return result, jnp.stack([a[0].astype(jnp.float32) for a in (*parcels.values(), packets)])
 
     # A tagged call with an operand that turns out unused aborts the process (jaxlib 0.10.1: "All or none of the slices
     # should have an explicit index"). So all go in as a few arrays, and a number of each comes out again.
-    return lax.optimization_barrier((_tagged(loop) if native else loop)(parcels, packets))[0]
+    return lax.optimization_barrier((_tagged(unpacked) if native else unpacked)(parcels, packets))[0]
 
 
 def once(f: Callable[..., Result]) -> Callable[..., Result]:

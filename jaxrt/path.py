@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.camera import CameraFrame, camera_frame
-from jaxrt.lights import LightTable, emitted_radiance, light_table, sample_light
+from jaxrt.lights import LightTable, emitted_radiance, light_table, sample_light, sample_light_attached
 from jaxrt.materials import Materials, scatter
 from jaxrt.maths import dot, face_forward
 from jaxrt.native import once
@@ -50,7 +50,7 @@ def tables_of(scene: Scene) -> Tables:
     return Tables(
         camera=camera_frame(scene.camera),
         geometry=geometry,
-        occluders=geometry_of(scene.spheres, scene.triangles) if alone else geometry,
+        occluders=lax.stop_gradient(geometry_of(scene.spheres, scene.triangles) if alone else geometry),
         materials=scene.materials,
         lights=None if lights is None else light_table(lights),
         environment=scene.environment,
@@ -59,8 +59,11 @@ def tables_of(scene: Scene) -> Tables:
 
 
 def _with_light_spheres(scene: Scene) -> Spheres | None:
-    """Return the spheres followed by the sphere lights, whose material rows follow those of the materials."""
-    lights, spheres = scene.lights, scene.spheres
+    """Return the spheres followed by the sphere lights, whose material rows follow those of the materials.
+
+    The lights carry no derivative here: where a ray meets one does not matter, for it shines alike everywhere.
+    """
+    lights, spheres = lax.stop_gradient(scene.lights), scene.spheres
     if lights is None or lights.radius is None:
         return spheres
     power = jnp.sum(lights.position * lights.position, -1) - lights.radius * lights.radius
@@ -75,11 +78,14 @@ def _with_light_spheres(scene: Scene) -> Spheres | None:
     )
 
 
-def radiance(tables: Tables, ray: Ray, numbers: Numbers, max_depth: int, unroll: bool) -> Array:
+def radiance(
+    tables: Tables, ray: Ray, numbers: Numbers, max_depth: int, unroll: bool, attached: bool = False
+) -> Array:
     """Return the radiance (3,) that comes in along a camera ray, in W·sr⁻¹·m⁻².
 
     numbers: block k gives the four numbers of event k (light pair, direction pair); block 0 belongs to the camera.
     unroll: all events in a row, or one event in a scan: the same numbers, another program.
+    attached: draw light samples whose derivatives in light, shapes and camera are right and of bounded variance.
     """
     ones = jnp.ones_like(ray.origin)
     walk = Walk(ray, ones, jnp.zeros_like(ones), jnp.ones((), bool))
@@ -87,35 +93,36 @@ def radiance(tables: Tables, ray: Ray, numbers: Numbers, max_depth: int, unroll:
         return ones * 0 if tables.environment is None else tables.environment
     if unroll:
         for k in range(1, max_depth + 1):
-            walk = _event(tables, walk, numbers(k))
+            walk = _event(tables, walk, numbers(k), attached)
     else:
         blocks = jnp.arange(1, max_depth + 1)
-        walk, _ = lax.scan(lambda walk, k: (_event(tables, walk, numbers(k)), None), walk, blocks)
+        walk, _ = lax.scan(lambda walk, k: (_event(tables, walk, numbers(k), attached), None), walk, blocks)
     return _last_look(tables, walk)
 
 
-def _event(tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array]) -> Walk:
+def _event(tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array], attached: bool) -> Walk:
     """Return the path one scattering event on."""
     hit = once(find)(tables.geometry, walk.ray)
     walk = _see(tables, walk, hit)
     point = once(surface_point)(tables.geometry, walk.ray, hit)
     wo = -walk.ray.direction
-    scattering = once(scatter)(tables.materials, point.material, point.normal, wo, u[2:])
+    scattering = once(scatter)(tables.materials, point.material, point.shading, wo, u[2:])
     gathered = walk.radiance
     # Sample direct light
     if tables.lights is not None and scattering.albedo is not None:
         lit = hit.valid & scattering.diffuse
-        direct = _direct(tables, point, face_forward(point.normal, wo), u[:2])
+        direct = _direct(tables, point, face_forward(point.shading, wo), u[:2], attached)
         gathered = gathered + jnp.where(lit, walk.throughput * scattering.albedo * direct, 0)
     # Go on
     throughput = jnp.where(hit.valid, walk.throughput * scattering.weight, 0)
     return Walk(once(leave)(point, scattering.direction), throughput, gathered, scattering.specular)
 
 
-def _direct(tables: Tables, point: SurfacePoint, facing: Array, u: tuple[Array, ...]) -> Array:
+def _direct(tables: Tables, point: SurfacePoint, facing: Array, u: tuple[Array, ...], attached: bool) -> Array:
     """Return the light (3,) that one light sample brings to a diffuse point, to be multiplied by its albedo."""
     assert tables.lights is not None
-    sample = once(sample_light)(tables.lights, point.position, (u[0], u[1]))
+    sample_one = sample_light_attached if attached else sample_light
+    sample = once(sample_one)(tables.lights, point.position, (u[0], u[1]))
     cosine = dot(facing, sample.direction)
     crowd = tables.lights.pick is not None and tables.lights.lights.radius is not None
     skip = tables.first_light + sample.light if crowd else None

@@ -16,7 +16,8 @@ import jaxlib
 from jax import Array
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
 
-from jaxrt.render import Plan, Run, draw_sum
+from jaxrt.film import Plan, Run
+from jaxrt.render import draw_sum
 from jaxrt.scene import Scene
 
 

@@ -22,6 +22,15 @@ class Hit:
 
 
 @pytree
+class Smooth:
+    """What a smooth mesh adds to a surface point, whose `position` is then lifted off the flat face."""
+
+    normal: Array  # (3,) unit shading normal, outward; it sees where the ray came from, as the geometric one does
+    facet: Array  # (3,) place on the face, from which rays through the surface leave
+    side: Array  # () 1 where the ray came from outside, −1 from inside
+
+
+@pytree
 class SurfacePoint:
     """A point on a surface, with all that shading needs."""
 
@@ -29,6 +38,12 @@ class SurfacePoint:
     normal: Array  # (3,) unit geometric normal; outward for spheres, by winding for triangles
     error: Array  # () bound on the distance from `position` to the true surface, in scene units
     material: Array  # () int32 row of the scene's materials; rows past the last one are sphere lights
+    smooth: Smooth | None = None  # None in scenes without smooth meshes
+
+    @property
+    def shading(self) -> Array:
+        """Unit normal (3,) by which light is scattered."""
+        return self.normal if self.smooth is None else self.smooth.normal
 
 
 @pytree

@@ -1,46 +1,26 @@
-"""From a scene to a picture: the only vmap, packets of pixels, chunks of samples, devices."""
+"""From a scene to a picture."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple, TypedDict, Unpack
+from typing import TypedDict, Unpack
 
 import jax
 import jax.numpy as jnp
-from jax import Array, lax
-from jax.sharding import Mesh, PartitionSpec
+from jax import Array
 from jax.typing import ArrayLike
 
-from jaxrt.camera import camera_ray
+from jaxrt import boundary
 from jaxrt.description import RenderDefaults, nearest
-from jaxrt.maths import kahan_add
-from jaxrt.native import map_packets
-from jaxrt.path import Tables, radiance, tables_of
-from jaxrt.samplers import SAMPLERS, Stream, seed_from_key
+from jaxrt.edges import moving_edges
+from jaxrt.film import Plan, Run
+from jaxrt.interior import draw
+from jaxrt.path import tables_of
+from jaxrt.samplers import SAMPLERS, seed_from_key
 from jaxrt.scene import Scene
 
 CPU_TILE = (16, 8)  # pixels of a packet on a CPU: its values stay in the first-level cache
 WIDE_TILE = (512, 128)  # on accelerators, which want many lanes at once
-NATIVE_LANES = 1024  # packets of more lanes are not compiled as one native kernel
-
-
-class Plan(NamedTuple):
-    """How a picture is drawn: what is compiled, besides the scene's structure."""
-
-    max_depth: int
-    sampler: str
-    unroll: bool
-    tile: tuple[int, int]  # width, height of a packet in pixels
-    devices: tuple[jax.Device, ...]
-
-
-class Run(NamedTuple):
-    """Which samples are drawn: traced, so that one compilation serves them all."""
-
-    seed: Array  # () uint32
-    first: Array  # () int32
-    end: Array  # () int32, one past the last
-    spp: Array  # () int32
 
 
 def use_cpu_cores(n: int) -> None:
@@ -60,6 +40,9 @@ def render(
     spp: int | None = None,
     max_depth: int | None = None,
     sampler: str = "sobol",
+    boundary_samples: int = 0,
+    gradient_key: int | Array | None = None,
+    gradient_spp: int | None = None,
     unroll: bool = False,
     tile: tuple[int, int] | None = None,
     devices: Sequence[jax.Device] | None = None,
@@ -71,15 +54,30 @@ def render(
     one event in a loop. tile: width and height of a packet in pixels. devices: those to use, by default all of JAX's
     default backend. The picture depends on none of the last three. Memory does not grow with spp.
 
-    Pure: works under jit and vmap. Raises ValueError for an unknown sampler and for counts below 1.
+    Pure: works under jit, vmap, jvp, vjp, jacfwd, jacrev and hessian. boundary_samples: 0 gives interior derivatives
+    only, which lack what moving visibility edges add; n leaves the picture unchanged to the bit and adds the edge terms
+    from n samples, about 4 a pixel (second derivatives then raise ValueError). gradient_key and gradient_spp: the
+    random numbers of derivatives and how many samples a pixel they take. By default those of the picture; with another
+    key, gradients of losses are unbiased. Raises ValueError for an unknown sampler and for counts out of range.
     """
-    spp = scene.defaults.spp if spp is None else spp
-    if spp < 1:
-        raise ValueError(f"render: spp is {spp}, want at least 1")
-    total = render_sum(
-        scene, key, 0, spp, spp=spp, max_depth=max_depth, sampler=sampler, unroll=unroll, tile=tile, devices=devices
-    )
-    return total / spp
+    spp = _count("spp", scene.defaults.spp if spp is None else spp)
+    gradient_spp = _count("gradient_spp", spp if gradient_spp is None else gradient_spp)
+    _count("boundary_samples", boundary_samples, least=0)
+    options: Options = dict(max_depth=max_depth, sampler=sampler, unroll=unroll, tile=tile, devices=devices)
+    gradient_key = key if gradient_key is None else gradient_key
+    plain, run, plan = prepare(scene, key, 0, spp, spp, **options)
+    gradient_run = prepare(scene, gradient_key, 0, gradient_spp, gradient_spp, **options)[1]
+    picture = draw_sum(plain, run, plan, gradient_run) / spp
+    if boundary_samples == 0:
+        return picture
+    edges = boundary.Plan(boundary_samples, plan.max_depth, False, False, plan.devices)
+    return picture + moving_edges(plain, gradient_run.seed, edges)
+
+
+def _count(name: str, value: int, least: int = 1) -> int:
+    if value < least:
+        raise ValueError(f"render: {name} is {value}, want at least {least}")
+    return value
 
 
 class Options(TypedDict, total=False):
@@ -117,9 +115,7 @@ def prepare(
     devices: Sequence[jax.Device] | None = None,
 ) -> tuple[Scene, Run, Plan]:
     """Return the arguments of `draw_sum` from those of `render_sum`, checked."""
-    max_depth = scene.defaults.max_depth if max_depth is None else max_depth
-    if max_depth < 1:
-        raise ValueError(f"render: max_depth is {max_depth}, want at least 1")
+    max_depth = _count("max_depth", scene.defaults.max_depth if max_depth is None else max_depth)
     if sampler not in SAMPLERS:
         raise ValueError(f"render: unknown sampler {sampler!r}{nearest(sampler, SAMPLERS)}")
     devices = tuple(jax.devices() if devices is None else devices)
@@ -130,60 +126,6 @@ def prepare(
 
 
 @partial(jax.jit, static_argnames="plan")
-def draw_sum(scene: Scene, run: Run, plan: Plan) -> Array:
-    """Return the sum of samples: packets dealt to devices in turn, one native loop on each."""
-    width, height = scene.camera.width, scene.camera.height
-    columns, rows = -(-width // plan.tile[0]), -(-height // plan.tile[1])
-    n = len(plan.devices)
-    # Deal packets like cards: neighbours cost alike, so every device gets its share of the dear ones
-    share = -(-columns * rows // n)
-    packets = jnp.arange(share * n, dtype=jnp.int32).reshape(share, n).T
-    operands = tables_of(scene), run
-
-    def on_device(operands: tuple[Tables, Run], packets: Array) -> Array:
-        native = plan.tile[0] * plan.tile[1] <= NATIVE_LANES
-        return map_packets(partial(_packet_sum, plan, columns), operands, packets[0], native)[None]
-
-    if n > 1:
-        mesh = Mesh(plan.devices, ("packets",))
-        spread, everywhere = PartitionSpec("packets"), PartitionSpec()
-        # Unchecked: the check wants every loop's start value marked as differing between devices
-        shares = jax.shard_map(on_device, mesh=mesh, in_specs=(everywhere, spread), out_specs=spread, check_vma=False)
-        sums = shares(operands, packets)
-    else:
-        sums = on_device(operands, packets)
-    # (device, turn, lane, 3) -> rows and columns of tiles -> picture
-    sums = jnp.swapaxes(sums, 0, 1).reshape(share * n, plan.tile[1], plan.tile[0], 3)[: columns * rows]
-    sums = sums.reshape(rows, columns, plan.tile[1], plan.tile[0], 3).swapaxes(1, 2)
-    return sums.reshape(rows * plan.tile[1], columns * plan.tile[0], 3)[:height, :width]
-
-
-def _packet_sum(plan: Plan, columns: int, operands: tuple[Tables, Run], packet: Array) -> Array:
-    """Return the sums (lanes, 3) of the packet's pixels, in row order of its tile."""
-    tables, run = operands
-    width, height = plan.tile
-    lane = jnp.arange(width * height, dtype=jnp.int32)
-    x = packet % columns * width + lane % width
-    y = packet // columns * height + lane // width
-
-    def add_sample(sample: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
-        one = partial(_sample, plan, tables, run, sample)
-        return kahan_add(*sums, jax.vmap(one)(x, y))
-
-    nothing = jnp.zeros((width * height, 3), tables.camera.position.dtype)
-    return lax.fori_loop(run.first, run.end, add_sample, (nothing, nothing))[0]
-
-
-def _sample(plan: Plan, tables: Tables, run: Run, sample: Array, x: Array, y: Array) -> Array:
-    """Return the radiance (3,) of one sample of pixel (x, y), column and row."""
-    dtype = tables.camera.position.dtype
-    pixel = y.astype(jnp.uint32) * jnp.uint32(tables.camera.width) + x.astype(jnp.uint32)
-    stream = Stream(pixel, sample.astype(jnp.uint32), run.seed, run.spp.astype(jnp.uint32))
-
-    def numbers(block: int | Array) -> tuple[Array, Array, Array, Array]:
-        a, b, c, d = SAMPLERS[plan.sampler](stream, block)
-        return a.astype(dtype), b.astype(dtype), c.astype(dtype), d.astype(dtype)
-
-    jitter = numbers(0)
-    ray = camera_ray(tables.camera, x.astype(dtype) + jitter[0], y.astype(dtype) + jitter[1])
-    return radiance(tables, ray, numbers, plan.max_depth, plan.unroll)
+def draw_sum(scene: Scene, run: Run, plan: Plan, gradient_run: Run | None = None) -> Array:
+    """Return the sum of the samples of `run`; derivatives use those of `gradient_run`, by default the same."""
+    return draw(tables_of(scene), run, run if gradient_run is None else gradient_run, plan)

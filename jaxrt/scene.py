@@ -23,8 +23,9 @@ from jaxrt.description import (
 )
 from jaxrt.lights import Lights
 from jaxrt.materials import Diffuse, Glass, Materials, Mirror
+from jaxrt.mesh_facts import weld
 from jaxrt.pytree import pytree, static
-from jaxrt.shapes import Spheres, Triangles
+from jaxrt.shapes import Spheres, Triangles, topology_of
 
 
 @pytree
@@ -70,10 +71,11 @@ def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = 
 
 
 def _origin(scene: SceneDescription) -> np.ndarray:
-    """Return the middle of camera, lights, triangles and all but huge spheres if it is far off, else zeros."""
+    """Return the middle of camera, lights, meshes, triangles and all but huge spheres if it is far off, else zeros."""
     eye = np.asarray(scene.camera.position, float)
     points = [eye, *(np.asarray(light.position, float) for light in scene.lights)]
     points += [np.asarray(corner, float) for t in scene.triangles for corner in t.vertices]
+    points += [corner for mesh in scene.meshes for corner in (mesh.world.min(axis=0), mesh.world.max(axis=0))]
     for sphere in scene.spheres:
         center = np.asarray(sphere.center, float)
         if 2 * sphere.radius < np.linalg.norm(center - eye):
@@ -128,12 +130,37 @@ def _spheres(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, 
 
 
 def _triangles(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, dtype: DTypeLike) -> Triangles | None:
-    if not scene.triangles:
+    """Return the meshes' faces, then the single triangles; faces without area are left out."""
+    if not scene.meshes and not scene.triangles:
         return None
-    vertices = np.asarray([t.vertices for t in scene.triangles], float).reshape(-1, 3) - origin
-    faces = jnp.arange(len(vertices), dtype=jnp.int32).reshape(-1, 3)
-    material = jnp.asarray([rows[t.material] for t in scene.triangles], jnp.int32)
-    return Triangles(jnp.asarray(vertices, dtype), faces, material)
+    singles = np.asarray([t.vertices for t in scene.triangles], float).reshape(-1, 3)
+    vertices = [mesh.world for mesh in scene.meshes] + [singles]
+    faces = [mesh.faces[mesh.kept] for mesh in scene.meshes] + [np.arange(len(singles)).reshape(-1, 3)]
+    material = [np.array([rows[name] for name in mesh.names])[mesh.rows] for mesh in scene.meshes]
+    material.append(np.array([rows[t.material] for t in scene.triangles], int))
+    first = np.cumsum([0] + [len(v) for v in vertices])
+    corners = np.concatenate(vertices) - origin
+    indices = np.concatenate([f + start for f, start in zip(faces, first, strict=False)])
+    return Triangles(
+        jnp.asarray(corners, dtype),
+        jnp.asarray(indices, jnp.int32),
+        jnp.asarray(np.concatenate(material), jnp.int32),
+        topology_of(corners, indices),
+        _smooth(scene, corners, indices),
+    )
+
+
+def _smooth(scene: SceneDescription, vertices: np.ndarray, faces: np.ndarray) -> Array | None:
+    """Return for each corner (n, 3) the number of its normal: one for each place of a smooth mesh, one a flat face."""
+    if not any(mesh.smooth for mesh in scene.meshes):
+        return None
+    counts = [len(mesh.kept) for mesh in scene.meshes]
+    smooth = np.repeat([mesh.smooth for mesh in scene.meshes] + [False], [*counts, len(faces) - sum(counts)])
+    own = np.repeat([*range(len(counts)), -1], [*counts, len(faces) - sum(counts)])
+    flat = len(vertices) * (1 + len(counts)) + np.arange(len(faces))
+    # Meshes share no normals, even where they touch
+    numbers = np.where(smooth[:, None], weld(vertices)[faces] + len(vertices) * own[:, None], flat[:, None])
+    return jnp.asarray(np.unique(numbers, return_inverse=True)[1].reshape(-1, 3), jnp.int32)
 
 
 def _lights(scene: SceneDescription, origin: np.ndarray, dtype: DTypeLike) -> Lights | None:

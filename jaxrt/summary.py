@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -10,6 +11,8 @@ from rich.table import Table
 from jaxrt.description import Glass, SceneDescription, Solid
 from jaxrt.parameters import parameters
 from jaxrt.scene import Scene
+from jaxrt.shapes import Triangles
+from jaxrt.shapes.bvh import survey
 
 ROWS = 20  # of materials and lights, before the table is cut
 
@@ -34,6 +37,11 @@ def print_summary(
     ]
     console.print(_table(source, ("", ""), facts))
     console.print(_table("materials", ("name", "type", "value", "objects"), _materials(description)))
+    if description.meshes:
+        heads = ("", "file", "faces", "vertices", "without area, dropped", "material")
+        console.print(_table("meshes", heads, _meshes(description)))
+    if scene.triangles is not None:
+        console.print(_table("ray search among triangles", ("", ""), _search(scene.triangles)))
     console.print(_table("lights", ("", "position", "intensity W/sr", "radius"), _lights(description)))
     shapes = [(name, str(value.shape)) for name, value in parameters(scene).items()]
     console.print(_table("parameters", ("name", "shape"), shapes))
@@ -47,7 +55,7 @@ def features(description: SceneDescription) -> tuple[list[str], list[str]]:
     radii = [light.radius for light in description.lights]
     there = {
         "spheres": bool(description.spheres),
-        "triangles": bool(description.triangles),
+        "triangles": bool(description.triangles or description.meshes),
         "diffuse": "diffuse" in types,
         "mirror": "mirror" in types,
         "glass": "glass" in types,
@@ -75,7 +83,12 @@ def _numbers(values: Iterable[float]) -> str:
 
 
 def _counts(scene: SceneDescription) -> str:
-    groups = {"spheres": scene.spheres, "triangles": scene.triangles, "lights": scene.lights}
+    groups = {
+        "spheres": scene.spheres,
+        "meshes": scene.meshes,
+        "triangles": scene.triangles,
+        "lights": scene.lights,
+    }
     counted = [f"{len(members)} {name}" for name, members in groups.items()]
     return ", ".join([*counted, f"{len(scene.materials)} materials"])
 
@@ -89,9 +102,35 @@ def _camera(scene: SceneDescription) -> str:
 def _materials(scene: SceneDescription) -> Iterable[tuple[str, str, str, str]]:
     solids: list[Solid] = [*scene.spheres, *scene.triangles]
     used = Counter(solid.material for solid in solids)
+    used.update(name for mesh in scene.meshes for name in mesh.names)
     for name, material in scene.materials.items():
         value = f"ior {material.ior:g}" if isinstance(material, Glass) else f"albedo {_numbers(material.albedo)}"
         yield name, material.type, value, str(used[name])
+
+
+def _meshes(scene: SceneDescription) -> Iterable[tuple[str, ...]]:
+    for i, mesh in enumerate(scene.meshes):
+        dropped = len(mesh.faces) - len(mesh.kept)
+        counts = (str(n) for n in (len(mesh.kept), len(mesh.vertices), dropped))
+        yield str(i), mesh.file or "arrays", *counts, ", ".join(mesh.names)
+
+
+def _search(triangles: Triangles) -> Iterable[tuple[str, str]]:
+    """Tell how the triangle that a ray hits is found, and what that costs."""
+    faces = np.asarray(triangles.faces)
+    tree = survey(np.asarray(triangles.vertices), faces)
+    yield "faces", str(len(faces))
+    if tree is None:
+        yield "method", "brute force: every face is tested"
+        return
+    yield "method", "BVH: a tree of boxes"
+    yield "depth", str(tree.depth)
+    yield "nodes, leaves", f"{tree.nodes}, {tree.leaves}"
+    yield "build time", f"{tree.seconds:.2f} s"
+    yield (
+        "expected visits",
+        f"{tree.node_visits:.1f} nodes, {tree.leaf_visits:.1f} leaves a ray (surface-area heuristic)",
+    )
 
 
 def _lights(scene: SceneDescription) -> Iterable[tuple[str, str, str, str]]:

@@ -35,3 +35,51 @@ def aim_at_edges(rng, mesh, n):
 def aim_at_vertices(rng, mesh, n):
     """Return n random vertices (n, 3)."""
     return mesh[rng.integers(0, len(mesh), n), rng.integers(0, 3, n)].astype(float)
+
+
+def icosphere(subdivisions):
+    """Return (vertices, faces) of a unit sphere of 20·4ᵏ faces, seen counter-clockwise from outside."""
+    g = (1 + 5**0.5) / 2
+    plane = [(-1, g), (1, g), (-1, -g), (1, -g)]
+    vertices = np.array([(a, b, 0) for a, b in plane] + [(0, a, b) for a, b in plane] + [(b, 0, a) for a, b in plane])
+    vertices = vertices / np.linalg.norm(vertices, axis=1, keepdims=True)
+    distance = np.linalg.norm(vertices[:, None] - vertices, axis=-1)
+    near = np.isclose(distance, np.sort(distance[0])[1])
+    faces = [
+        (a, b, c) for a in range(12) for b in range(12) for c in range(12) if near[a, b] and near[b, c] and near[c, a]
+    ]
+    faces = np.array([f for f in faces if f[0] == min(f) and np.linalg.det(vertices[list(f)]) > 0])
+    for _ in range(subdivisions):
+        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+        edges, rows = np.unique(np.sort(edges, 1), axis=0, return_inverse=True)
+        middle = vertices[edges].sum(1)
+        a, b, c = len(vertices) + rows.reshape(3, -1)
+        x, y, z = faces.T
+        vertices = np.concatenate([vertices, middle / np.linalg.norm(middle, axis=1, keepdims=True)])
+        faces = np.concatenate([np.stack(f, 1) for f in ((x, a, c), (y, b, a), (z, c, b), (a, b, c))])
+    return vertices, faces
+
+
+def soup(corners):
+    """Return (vertices, faces) of triangles (m, 3, 3) that share no vertex."""
+    return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
+
+
+def exponential(n):
+    """Return n triangles, each half as large and half as far from the origin as the one before."""
+    return soup(np.float32([[1, 0, 0], [1, 0.5, 0], [1, 0, 0.5]]) * 0.75 ** np.arange(n)[:, None, None])
+
+
+def coplanar_quads(n):
+    """Return a square of n·n quads in the plane y = 0."""
+    x, z = np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij")
+    vertices = np.stack([x, 0 * x, z], -1).reshape(-1, 3) / n
+    a = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    return vertices, np.concatenate([np.stack(f, 1) for f in ((a, a + 1, a + n + 1), (a + 1, a + n + 2, a + n + 1))])
+
+
+def diagonals(rng, n):
+    """Return n long thin triangles along the diagonals of the unit cube."""
+    a = rng.uniform(0, 0.1, (n, 3))
+    b = a + np.sign(rng.uniform(-1, 1, (n, 3))) * rng.uniform(0.8, 1, (n, 1))
+    return soup(np.stack([a, b, b + rng.uniform(-0.01, 0.01, (n, 3))], 1))

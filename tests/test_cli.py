@@ -282,7 +282,7 @@ def test_info_tells_what_is_in_a_scene(folder, capsys, monkeypatch):
     status, out, err = run(capsys, "info", ROOT / "scenes" / "seed" / "glass_ball.toml")
     assert (status, err) == (0, "")
     for piece in (
-        "7 spheres, 0 triangles, 1 lights, 7 materials",
+        "7 spheres, 0 meshes, 0 triangles, 1 lights, 7 materials",
         "(0, 0, 55) to (0, 0, 0), up (0, 1, 0), fov 60°, 512x512",
         "spheres, diffuse, glass, point lights",
         "triangles, mirror, sphere lights, environment",
@@ -304,6 +304,23 @@ def test_features_of_an_empty_scene():
     present, absent = summary.features(read_description(ROOT / "scenes" / "room.toml"))
     assert present == ["spheres", "diffuse", "mirror", "glass", "sphere lights"]
     assert absent == ["triangles", "point lights", "environment"]
+
+
+def test_info_tells_of_meshes(folder, capsys, monkeypatch):
+    """Faces, vertices and what is dropped of each mesh; brute force or the tree's figures of them all."""
+    monkeypatch.setenv("COLUMNS", "200")
+    rows = ["0 0 0", "1 0 0", "1 1 0", "0 1 0"]
+    (folder / "quad.obj").write_text("".join(f"v {row}\n" for row in rows) + "f 1 2 3 4\nf 1 1 2\n")
+    mesh = "[[meshes]]\nfile = 'quad.obj'\nmaterial = 'white'\n"
+    (folder / "quad.toml").write_text(SCENE + mesh)
+    status, out, _ = run(capsys, "info", "quad.toml")
+    assert status == 0
+    for piece in ("1 meshes, 0 triangles", "quad.obj │ 2     │ 4        │ 1", "brute force: every face is tested"):
+        assert piece in out, piece
+    assert "warning: meshes[0] (quad.obj): 1 of 3 faces have no area and are dropped, first 2" in out
+    status, out, _ = run(capsys, "info", ROOT / "scenes" / "seed" / "mesh_in_room.toml")
+    for piece in ("../cat.obj", "25672", "12826", "BVH: a tree of boxes", "build time", "nodes, leaves", "nodes, "):
+        assert piece in out, piece
 
 
 def test_diff_measures_and_draws_the_error(folder, capsys):

@@ -7,6 +7,7 @@ import numpy as np
 from jaxrt.maths import FAR
 from jaxrt.records import Ray
 from jaxrt.shapes import triangle
+from jaxrt.shapes.edges import main_axis
 from tests.lanes import lanes
 from tests.oracle import directions, dot, triangle_distances, unit_vectors
 
@@ -34,12 +35,10 @@ def test_table_shrinks_what_has_no_area():
 def test_shear_takes_the_longest_axis_and_turns_the_ray_to_z():
     rng, n = np.random.default_rng(0), 1000
     d = unit_vectors(rng, n).astype(np.float32)
-    shear = jax.jit(jax.vmap(lambda d: triangle.shear_of(Ray(jnp.zeros(3), d))))(d)
-    axis = np.argmax(np.abs(d), 1)
-    assert np.array_equal(shear.axis, axis)
-    x, y, z = (np.take_along_axis(d, ((axis + k) % 3)[:, None], 1)[:, 0] for k in (1, 2, 3))
-    assert np.allclose(shear.x, x / z, rtol=2 * U) and np.allclose(shear.y, y / z, rtol=2 * U)
-    assert np.allclose(shear.z, 1 / z, rtol=2 * U)
+    assert np.array_equal(jax.jit(jax.vmap(main_axis))(d), np.argmax(np.abs(d), 1))
+    # A point on the ray is at (0, 0, its distance)
+    x, y, z = jax.jit(jax.vmap(lambda d: triangle.sheared((2 * d)[None], Ray(jnp.zeros(3), d))[0]))(d)
+    assert np.abs(x).max() <= 4 * U and np.abs(y).max() <= 4 * U and np.allclose(z, 2, rtol=4 * U)
 
 
 def test_find_matches_the_oracle():

@@ -1,4 +1,4 @@
-"""Files in and out: scene files and pictures."""
+"""Files in and out: scene files, meshes and pictures."""
 
 from os import PathLike
 
@@ -6,10 +6,11 @@ import jax.numpy as jnp
 from jax.typing import DTypeLike
 
 from jaxrt.io.image import load_image, save_image
+from jaxrt.io.mesh_file import load_mesh
 from jaxrt.io.scene_file import read_description
 from jaxrt.scene import Scene, build
 
-__all__ = ["load_image", "load_scene", "read_description", "save_image"]
+__all__ = ["load_image", "load_mesh", "load_scene", "read_description", "save_image"]
 
 
 def load_scene(path: str | PathLike[str], dtype: DTypeLike = jnp.float32) -> Scene:

@@ -1,19 +1,21 @@
 """Scene files: TOML to description."""
 
-import difflib
 import re
 import tomllib
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from jaxrt.description import SceneDescription, SceneError, parse_description, show
+from jaxrt.io.files import read_bytes
+from jaxrt.io.mesh_file import load_mesh
 
 
 def read_description(path: str | PathLike[str]) -> SceneDescription:
-    """Return the validated description in the TOML file at `path`.
+    """Return the validated description in the TOML file at `path`, with the meshes that it names.
 
     Raises SceneError, one line that starts with the path, for a missing or unreadable file, malformed TOML,
-    and all that `parse_description` refuses.
+    unsound meshes, and all that `parse_description` refuses.
     """
     source = str(path)
     try:
@@ -24,31 +26,40 @@ def read_description(path: str | PathLike[str]) -> SceneDescription:
         if isinstance(error, SceneError):
             raise
         raise SceneError(_describe_syntax(source, str(error))) from None
-    return parse_description(mapping, source)
+    return parse_description(_with_mesh_files(mapping, Path(path).parent, source), source)
 
 
 def _read_text(path: Path) -> str:
     """Return the text of the file, or raise SceneError with the nearest existing name."""
     try:
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise SceneError(f"{path}: no such file{_nearest(path)}") from None
+        return read_bytes(path, (".toml",), "a scene file").decode("utf-8")
     except UnicodeDecodeError as error:
         raise SceneError(f"{path}: not UTF-8 text at byte {error.start}: save it as UTF-8") from None
-    except IsADirectoryError:
-        raise SceneError(f"{path}: is a folder: name a scene file in it") from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise SceneError(f"{path}: cannot be read ({reason}): check the file") from None
 
 
-def _nearest(path: Path) -> str:
-    """Return the remedy for a missing file."""
-    if not path.parent.is_dir():
-        return f": the folder {show(str(path.parent))} does not exist, check the path"
-    names = [p.name for p in path.parent.glob("*.toml")]
-    near = difflib.get_close_matches(path.name, names, n=1)
-    return f" (did you mean {show(str(path.with_name(near[0])))}?)" if near else ": check the path"
+def _with_mesh_files(mapping: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
+    """Return the mapping with the arrays of each mesh file in the place of its name."""
+    meshes = mapping.get("meshes")
+    if not isinstance(meshes, list):
+        return mapping
+    return mapping | {
+        "meshes": [_with_mesh_file(mesh, folder, f"{source}: meshes[{i}]") for i, mesh in enumerate(meshes)]
+    }
+
+
+def _with_mesh_file(mesh: Any, folder: Path, place: str) -> Any:
+    if not isinstance(mesh, dict) or "file" not in mesh:
+        return mesh
+    file = mesh["file"]
+    if not isinstance(file, str):
+        raise SceneError(f"{place}.file: {show(file)} is not a name: write a string in quotes")
+    for key in ("vertices", "faces"):
+        if key in mesh:
+            raise SceneError(f'{place}: {show(key)} and "file" exclude each other: leave one out')
+    try:
+        return load_mesh(folder / file, materials="material" not in mesh) | mesh
+    except SceneError as error:
+        raise SceneError(f"{place}.file: {error}") from None
 
 
 def _describe_syntax(source: str, message: str) -> str:

@@ -7,6 +7,7 @@ the scene lacks is None, and its code is then not there.
 import jax.numpy as jnp
 from jax import Array
 
+from jaxrt.gather import take
 from jaxrt.materials.diffuse import Diffuse, sample_diffuse
 from jaxrt.materials.glass import Glass, sample_glass
 from jaxrt.materials.mirror import Mirror, sample_mirror
@@ -54,14 +55,14 @@ def scatter(materials: Materials, row: Array, normal: Array, wo: Array, u: tuple
     direction, weight, albedo = normal, jnp.zeros_like(normal), None
     facing = jnp.where(dot(wo, normal) < 0, -normal, normal)
     if materials.diffuse is not None:
-        albedo = jnp.where(row < a, materials.diffuse.albedo[jnp.clip(row, 0, a - 1)], 0)
+        albedo = jnp.where(row < a, take(materials.diffuse.albedo, jnp.clip(row, 0, a - 1)), 0)
         direction, weight = sample_diffuse(albedo, facing, u)
     if materials.mirror is not None:
-        tint = materials.mirror.albedo[jnp.clip(row - a, 0, b - 1)]
+        tint = take(materials.mirror.albedo, jnp.clip(row - a, 0, b - 1))
         is_mirror = (row >= a) & (row < a + b)
         direction, weight = _select(is_mirror, sample_mirror(tint, wo, normal), (direction, weight))
     if materials.glass is not None:
-        ior = materials.glass.ior[jnp.clip(row - a - b, 0, c - 1)]
+        ior = take(materials.glass.ior, jnp.clip(row - a - b, 0, c - 1))
         is_glass = (row >= a + b) & (row < a + b + c)
         refracted, share = sample_glass(ior, wo, normal, u[0])
         direction, weight = _select(is_glass, (refracted, share * jnp.ones_like(normal)), (direction, weight))

@@ -6,12 +6,16 @@ closed form from the index: that is what derivatives flow through.
 Primitives are numbered: spheres, then sphere lights, then triangles.
 """
 
+from dataclasses import replace
+
+import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.maths import FAR, dot, sign_or_one
 from jaxrt.pytree import pytree
-from jaxrt.records import Hit, Ray, SurfacePoint
+from jaxrt.records import Hit, Ray, Smooth, SurfacePoint
+from jaxrt.shapes.bvh import Survey, Topology, survey, topology_of
 from jaxrt.shapes.sphere import (
     Spheres,
     SphereTable,
@@ -29,7 +33,20 @@ from jaxrt.shapes.triangle import (
     triangle_table,
 )
 
-__all__ = ["Geometry", "Spheres", "Triangles", "find", "geometry_of", "leave", "occluded", "surface_point"]
+__all__ = [
+    "Geometry",
+    "Spheres",
+    "Survey",
+    "Topology",
+    "Triangles",
+    "find",
+    "geometry_of",
+    "leave",
+    "occluded",
+    "surface_point",
+    "survey",
+    "topology_of",
+]
 
 
 @pytree
@@ -82,7 +99,9 @@ def surface_point(geometry: Geometry, ray: Ray, hit: Hit) -> SurfacePoint:
     on_sphere = hit.index < first
     a = sphere_surface_point(geometry.spheres, ray, jnp.minimum(hit.index, first - 1))
     b = triangle_surface_point(geometry.triangles, ray, jnp.maximum(hit.index - first, 0))
-    return SurfacePoint(*(jnp.where(on_sphere, x, y) for x, y in zip(_fields(a), _fields(b), strict=True)))
+    if b.smooth is not None:
+        a = replace(a, smooth=Smooth(a.normal, a.position, jnp.ones_like(a.error)))
+    return jax.tree.map(lambda x, y: jnp.where(on_sphere, x, y), a, b)
 
 
 def leave(point: SurfacePoint, direction: Array) -> Ray:
@@ -91,12 +110,13 @@ def leave(point: SurfacePoint, direction: Array) -> Ray:
     The move is along the geometric normal, to the side the ray goes to, and carries no derivative
     (Pharr et al., Physically Based Rendering, 4th ed., §6.8.6; ours is bounded by the coordinates' size).
     """
-    side = sign_or_one(dot(point.normal, direction))
-    return Ray(point.position + lax.stop_gradient(side * point.error * point.normal), direction)
-
-
-def _fields(p: SurfacePoint) -> tuple[Array, Array, Array, Array]:
-    return p.position, p.normal, p.error, p.material
+    side, start = sign_or_one(dot(point.normal, direction)), point.position
+    if point.smooth is not None:
+        # The lifted position is on the side that the ray came from; from there, go by the shading normal
+        through = dot(point.smooth.normal, direction) * point.smooth.side < 0
+        side = jnp.where(through, -point.smooth.side, point.smooth.side)
+        start = jnp.where(through, point.smooth.facet, start)
+    return Ray(start + lax.stop_gradient(side * point.error * point.normal), direction)
 
 
 def _first_triangle(geometry: Geometry) -> int:

@@ -16,6 +16,7 @@ The smaller root comes from the larger one by t₁t₂ = power.
 import jax.numpy as jnp
 from jax import Array, lax
 
+from jaxrt.gather import take
 from jaxrt.maths import FAR, dot, grad_only, normalize, safe_divide, safe_sqrt, unit_roundoff
 from jaxrt.native import once
 from jaxrt.pytree import pytree
@@ -58,7 +59,8 @@ Row = tuple[Array, Array, Array, Array, Array]  # center, radius, base, shift, c
 
 
 def _row(table: SphereTable, i: Array) -> Row:
-    return table.center[i], table.radius[i], table.base[i], table.shift[i], table.constant[i]
+    center, radius = take(table.center, i), take(table.radius, i)
+    return center, radius, take(table.base, i), take(table.shift, i), take(table.constant, i)
 
 
 def _power(row: Row, p: Array) -> Array:

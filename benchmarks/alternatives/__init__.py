@@ -1,0 +1,1 @@
+"""Methods that lost, kept to be measured against."""

@@ -1,0 +1,41 @@
+"""The derivative that moving visibility edges carry.
+
+Pixels are integrals over what is visible, and the derivative of an integral over a moving region has a part that comes
+from its boundary: automatic differentiation of the samples inside misses it. Here it is the sum over sampled edge
+points of a weight times the derivative of the clearance (`clearance.py`); the value of a picture is not touched.
+"""
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxrt.boundary.clearance import EdgeSamples, clearance_of, splat
+from jaxrt.boundary.outlines import camera_edges
+from jaxrt.boundary.shadows import Plan, shadow_edges
+from jaxrt.scene import Scene
+
+__all__ = ["EdgeSamples", "Plan", "clearance_of", "edge_tangent", "sample_edges", "splat"]
+
+
+@partial(jax.jit, static_argnames="plan")
+def sample_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
+    """Return samples of all edges that move, without derivative. seed: () uint32."""
+    scene = lax.stop_gradient(scene)
+    return (*shadow_edges(scene, seed, plan), *camera_edges(scene, seed, plan))
+
+
+def edge_tangent(scene: Scene, tangent: Any, seed: Array, plan: Plan) -> Array:
+    """Return the change (height, width, 3) of the picture by moving edges, linear in the scene's tangent.
+
+    tangent: as `jax.jvp` wants it, float0 for integers. Works under jit, vmap over tangents (which share the samples)
+    and transposition; there is no second derivative.
+    """
+    size = scene.camera.width, scene.camera.height
+    total = jnp.zeros((size[1], size[0], 3), scene.camera.position.dtype)
+    for samples in sample_edges(scene, seed, plan):
+        _, change = jax.jvp(partial(clearance_of, samples=samples), (scene,), (tangent,))
+        total += splat(samples, change, size)
+    return total

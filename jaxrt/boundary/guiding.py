@@ -1,0 +1,165 @@
+"""Spread samples along all outlines: by a pilot's finding where they matter, evenly within.
+
+Outlines are cut into bins. A sample's place v in [0, 1) chooses a bin, and the place within, through the cumulative
+sum of the bins' weights; places are evenly spaced, so that the error of a hard shadow falls like 1/n. Samples of equal
+number serve as the pilot of a quarter their size, at weights of the angle that a bin spans.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+from jax.sharding import Mesh, PartitionSpec
+from jax.typing import DTypeLike
+
+from jaxrt.maths import safe_divide
+from jaxrt.native import map_packets
+from jaxrt.pytree import pytree
+from jaxrt.samplers import Stream, independent
+
+LANES = 128  # of a packet
+ROUNDS = 4  # of a pilot's size each
+
+Operands = TypeVar("Operands")
+
+# Fractions of the plane's R-sequence (Roberts 2018) in 32 bits: 1/g and 1/g², g³ = g + 1
+_R2 = np.uint32(3242174889), np.uint32(2447445414)
+
+
+@pytree
+class Guide:
+    """How likely each bin is."""
+
+    cumulative: Array  # (b,)
+
+
+class Draw(NamedTuple):
+    """What one sample is drawn from: its place, and numbers of its own."""
+
+    guide: Guide
+    place: Array  # () in [0, 1)
+    spread: tuple[Array, Array]  # a point of a sequence that fills the unit square evenly together with `place`
+    stream: Stream
+    total: Array  # () number of samples
+
+
+class Placed(NamedTuple):
+    """A place on the outlines."""
+
+    bin: Array  # () int32
+    t: Array  # () place within the bin, in [0, 1)
+    density: Array  # () per bin; 0 where nothing can be sampled
+
+
+Sample = Callable[[Operands, Draw], tuple[Any, Array]]
+
+
+def place(draw: Draw) -> Placed:
+    """Return where on the outlines a sample lies."""
+    cumulative = draw.guide.cumulative
+    last = cumulative.shape[0] - 1
+    chosen = jnp.minimum(jnp.searchsorted(cumulative, draw.place, side="right"), last).astype(jnp.int32)
+    below = jnp.where(chosen > 0, cumulative[jnp.maximum(chosen - 1, 0)], 0)
+    share = cumulative[chosen] - below
+    t = jnp.clip(safe_divide(draw.place - below, share), 0, 1)
+    return Placed(chosen, t, jnp.maximum(share, 0))
+
+
+def sample_guided(
+    sample: Sample[Operands], operands: Operands, weights: Array, n: int, seed: Array, devices: tuple[jax.Device, ...]
+) -> Any:
+    """Return the samples, a pytree with leading axis >= n, that sample(operands, draw) -> (result, measure) gives.
+
+    weights: (b,) >= 0 to begin with. measure: () >= 0, what a sample brings, divided by its density. Results do not
+    depend on the devices.
+    """
+    packets = -(-n // (ROUNDS * LANES))
+
+    def one_round(weights: Array, number: Array) -> tuple[Array, Any]:
+        guide = _guide(weights)
+        start = guide, number, seed
+        results, measure = _run(sample, (operands, start), packets, devices)
+        found = _found(guide, measure.reshape(-1), _shift(jnp.uint32(1), seed, weights.dtype)[0])
+        # Keep half of the first weights: what the pilot missed is still found
+        mixed = _normalised(weights) + _normalised(found)
+        return jnp.where(number == 0, mixed, weights), results
+
+    _, results = lax.scan(one_round, weights, jnp.arange(ROUNDS + 1, dtype=jnp.int32))
+    return jax.tree.map(lambda x: x[1:].reshape(-1, *x.shape[3:]), results)
+
+
+def _guide(weights: Array) -> Guide:
+    return Guide(jnp.cumsum(_normalised(weights)))
+
+
+def _normalised(weights: Array) -> Array:
+    return safe_divide(weights, jnp.broadcast_to(jnp.sum(weights), weights.shape))
+
+
+def _found(guide: Guide, measure: Array, offset: Array) -> Array:
+    """Return the sums (b,) of the pilot's measures in each bin: its samples stand in the order of their places."""
+    n = measure.shape[0]
+    total = jnp.concatenate([jnp.zeros(1, measure.dtype), jnp.cumsum(measure)])
+    end = jnp.clip(jnp.ceil(n * guide.cumulative - offset).astype(jnp.int32), 0, n)
+    return jnp.maximum(jnp.diff(total[end], prepend=jnp.zeros(1, measure.dtype)), 0)
+
+
+def _run(sample: Sample[Operands], operands: Any, packets: int, devices: tuple[jax.Device, ...]) -> Any:
+    """Return results and measures (packets, LANES, …) of one round."""
+    n = len(devices)
+    share = -(-packets // n)
+
+    def one_packet(operands: Any, packet: Array) -> Any:
+        rest, (guide, number, seed) = operands
+
+        def one(lane: Array) -> Any:
+            return sample(rest, _draw(guide, number, seed, packet * LANES + lane, packets * LANES))
+
+        return jax.vmap(one)(jnp.arange(LANES, dtype=jnp.int32))
+
+    def on_device(operands: Any, packets: Array) -> Any:
+        return jax.tree.map(lambda x: x[None], map_packets(one_packet, operands, packets[0]))
+
+    numbers = jnp.arange(share * n, dtype=jnp.int32).reshape(share, n).T
+    if n > 1:
+        spread, everywhere = PartitionSpec("packets"), PartitionSpec()
+        mesh = Mesh(devices, ("packets",))
+        # Unchecked: the check wants every loop's start value marked as differing between devices
+        on_device = jax.shard_map(
+            on_device, mesh=mesh, in_specs=(everywhere, spread), out_specs=spread, check_vma=False
+        )
+    results = on_device(operands, numbers)
+    return jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1).reshape(share * n, *x.shape[2:])[:packets], results)
+
+
+def _draw(guide: Guide, number: Array, seed: Array, k: Array, count: int) -> Draw:
+    """Return what sample k of a round is drawn from. Round 0 is the pilot; the others interleave."""
+    dtype = guide.cumulative.dtype
+    pilot = number == 0
+    total = jnp.where(pilot, count, ROUNDS * count)
+    index = jnp.where(pilot, k, ROUNDS * k + number - 1)
+    which = jnp.where(pilot, 1, 0).astype(jnp.uint32)
+    offset, first, second = _shift(which, seed, dtype)
+    at = jnp.minimum((index.astype(dtype) + offset) / total.astype(dtype), 1 - jnp.finfo(dtype).epsneg)
+    spread = _turned(index, _R2[0], first), _turned(index, _R2[1], second)
+    stream = Stream(which, index.astype(jnp.uint32), seed ^ _OWN, total.astype(jnp.uint32))
+    return Draw(guide, at, spread, stream, total.astype(dtype))
+
+
+_OWN = np.uint32(0x68E31DA4)  # keeps the edges' random numbers apart from the pixels'
+
+
+def _shift(which: Array, seed: Array, dtype: DTypeLike) -> tuple[Array, Array, Array]:
+    """Return the random shifts of a sequence's three coordinates. which: () 1 for the pilot's, else 0."""
+    a, b, c, _ = independent(Stream(which, jnp.uint32(0), seed ^ _OWN, jnp.uint32(1)), 0)
+    return a.astype(dtype), b.astype(dtype), c.astype(dtype)
+
+
+def _turned(index: Array, step: np.uint32, shift: Array) -> Array:
+    """Return the fraction of index · step + shift, the product in 32 bits: float32 would lose it."""
+    turns = ((index.astype(jnp.uint32) * step) >> 8).astype(jnp.int32).astype(shift.dtype) * 2.0**-24
+    total = turns + shift
+    return jnp.clip(jnp.where(total >= 1, total - 1, total), 0, 1 - 2.0**-24)

@@ -1,0 +1,170 @@
+"""The outlines that the camera sees: where the picture itself changes abruptly.
+
+A unit of clearance of the camera's ray exchanges the radiance inside an outline for that outside. An edge of a mesh
+counts wherever the colour can change across it. On a smooth ball radiance varies like the root of the distance to the
+rim, so the inside is shaded at the rim itself.
+"""
+
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxrt.boundary.clearance import EdgeSamples, ViewPoints
+from jaxrt.boundary.guiding import Draw, place, sample_guided
+from jaxrt.boundary.shadows import BEYOND, NUDGE, Plan, bins_for, occluder_anchors
+from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, edge_table, rim_at
+from jaxrt.boundary.view import project
+from jaxrt.materials import scatter
+from jaxrt.maths import dot, face_forward, normalize, safe_divide
+from jaxrt.native import once
+from jaxrt.path import Tables, Walk, _direct, _last_look, _see, tables_of
+from jaxrt.pytree import pytree
+from jaxrt.records import Hit, Ray, Smooth, SurfacePoint
+from jaxrt.samplers import independent
+from jaxrt.scene import Scene
+from jaxrt.shapes import find, leave, surface_point
+from jaxrt.shapes.sphere import sphere_error
+
+LIGHTS_ONLY = 16  # the outlines of lights alone get this part of the samples: they are few and smooth
+
+
+@pytree
+class OutlineTables:
+    """What outline samples are drawn from."""
+
+    tables: Tables
+    outlines: Silhouettes
+
+
+def camera_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
+    """Return samples of the outlines that the camera sees move: all of them, or those of sphere lights alone."""
+    tables = tables_of(scene)
+    edges = edge_table(scene.triangles) if scene.triangles is not None and plan.geometry_moves else None
+    outlines = Silhouettes(tables.geometry.spheres, edges)
+    lights = scene.lights is not None and scene.lights.radius is not None
+    if outlines.rows == 0 or not (lights or plan.geometry_moves):
+        return ()
+    bins = bins_for(outlines.rows)
+    weights = angular_lengths(outlines, tables.camera.position, jnp.zeros_like(scene.camera.fov), True, bins)
+    if not plan.geometry_moves:
+        weights = jnp.where(jnp.arange(weights.shape[0]) >= tables.first_light * bins, weights, 0)
+    n = plan.n if plan.geometry_moves else -(-plan.n // LIGHTS_ONLY)
+    operands = OutlineTables(tables, outlines)
+    return (sample_guided(partial(_sample, plan, bins), operands, weights, n, seed ^ jnp.uint32(1), plan.devices),)
+
+
+def _sample(plan: Plan, bins: int, operands: OutlineTables, draw: Draw) -> tuple[EdgeSamples, Array]:
+    """Return one sample, and what it brings."""
+    tables, outlines = operands.tables, operands.outlines
+    camera = tables.camera
+    placed = once(place)(draw)
+    row = placed.bin // bins
+    t = ((placed.bin % bins).astype(placed.t.dtype) + placed.t) / bins
+    rim = once(partial(rim_at, creases=True))(outlines, row, t, camera.position)
+    view = once(project)(camera, rim.point)
+    # The change of radiance across it
+    outside, inside, clear = _radiances(plan, tables, outlines, row, rim, draw)
+    density = placed.density * bins * draw.total
+    seen = rim.valid & clear & view.inside & (density > 0)
+    spread = safe_divide(rim.jacobian * view.density, rim.distance * rim.distance * density)
+    weight = jnp.where(seen, (outside - inside) * spread, 0)
+    pixel = jnp.where(seen, view.pixel, camera.width * camera.height)
+    occluder = occluder_anchors(outlines, plan.geometry_moves, row, t, rim)
+    points = ViewPoints(view.image, jnp.where(seen, view.depth, 0), jnp.where(seen, rim.normal, 0))
+    points_or_none = points if plan.geometry_moves else None
+    return EdgeSamples(pixel[None], weight[None], None, points_or_none, (occluder,)), jnp.sum(jnp.abs(weight))
+
+
+def _radiances(
+    plan: Plan, tables: Tables, outlines: Silhouettes, row: Array, rim: Rim, draw: Draw
+) -> tuple[Array, Array, Array]:
+    """Return the radiance just outside and just inside an outline, and whether nothing hides it.
+
+    Both use the same random numbers, so that equal surfaces on both sides cancel.
+    """
+    eye = tables.camera.position
+
+    def ray_past(side: Array) -> Ray:
+        return Ray(eye, normalize(rim.point + side * NUDGE * rim.distance * rim.normal - eye))
+
+    def start(side: Array) -> tuple[Ray, Hit, SurfacePoint]:
+        ray = ray_past(side)
+        hit = once(find)(tables.geometry, ray)
+        point = once(surface_point)(tables.geometry, ray, hit)
+        return ray, hit, point
+
+    sides = jnp.asarray([1, -1], eye.dtype)
+    rays, hits, points = jax.vmap(start)(sides)
+    outer, first, place = jax.tree.map(lambda x: x[0], (rays, hits, points))
+    travelled = dot(place.position - eye, outer.direction)
+    hidden = first.valid & (travelled < rim.distance * (1 - BEYOND)) & ~_own(outlines, row, first.index)
+    if outlines.spheres is not None:
+        hits, points = _at_rim(outlines, row, rim, hits, points)
+    both = jax.vmap(partial(_radiance_from, plan, tables, draw))(rays, hits, points)
+    return both[0], both[1], ~hidden
+
+
+def _own(outlines: Silhouettes, row: Array, index: Array) -> Array:
+    """Return whether primitive `index` is one of the faces at an edge."""
+    n = outlines.spheres_count
+    if outlines.edges is None:
+        return jnp.zeros((), bool)
+    return (row >= n) & jnp.any(outlines.edges.faces[jnp.maximum(row - n, 0)] + n == index)
+
+
+def _at_rim(outlines: Silhouettes, row: Array, rim: Rim, hits: Hit, points: SurfacePoint) -> tuple[Hit, SurfacePoint]:
+    """Return both starts, the inner one put on the rim itself where it is that of a sphere."""
+    spheres = outlines.spheres
+    assert spheres is not None
+    sphere = jnp.minimum(row, outlines.spheres_count - 1)
+    table = spheres.center[sphere], spheres.radius[sphere], spheres.base[sphere], spheres.shift[sphere]
+    error = sphere_error((*table, spheres.constant[sphere]), rim.point)
+    at_rim = (
+        Hit(sphere, jnp.ones((), bool)),
+        replace(
+            jax.tree.map(lambda x: x[1], points),
+            position=rim.point,
+            normal=rim.normal,
+            error=error,
+            material=spheres.material[sphere],
+        ),
+    )
+    if points.smooth is not None:
+        smooth = Smooth(rim.normal, rim.point, jnp.ones_like(error))
+        at_rim = at_rim[0], replace(at_rim[1], smooth=smooth)
+    use = row < outlines.spheres_count
+    return jax.tree.map(lambda old, new: old.at[1].set(jnp.where(use, new, old[1])), (hits, points), at_rim)
+
+
+def _radiance_from(plan: Plan, tables: Tables, draw: Draw, ray: Ray, hit: Hit, point: SurfacePoint) -> Array:
+    """Return the radiance (3,) along a camera ray whose first surface is known."""
+    ones = jnp.ones_like(ray.origin)
+    walk = Walk(ray, ones, jnp.zeros_like(ones), jnp.ones((), bool))
+
+    def event(walk: Walk, k: Array) -> tuple[Walk, None]:
+        here = once(find)(tables.geometry, walk.ray)
+        there = once(surface_point)(tables.geometry, walk.ray, here)
+        first = k == 1
+        here, there = jax.tree.map(lambda a, b: jnp.where(first, a, b), (hit, point), (here, there))
+        u = tuple(x.astype(ones.dtype) for x in independent(draw.stream, k))
+        return _scatter_event(tables, walk, here, there, u), None
+
+    walk, _ = lax.scan(event, walk, jnp.arange(1, plan.max_depth + 1, dtype=jnp.int32))
+    return _last_look(tables, walk)
+
+
+def _scatter_event(tables: Tables, walk: Walk, hit: Hit, point: SurfacePoint, u: tuple[Array, ...]) -> Walk:
+    """Return the path after the event at a known surface point."""
+    walk = _see(tables, walk, hit)
+    wo = -walk.ray.direction
+    scattering = once(scatter)(tables.materials, point.material, point.shading, wo, (u[2], u[3]))
+    gathered = walk.radiance
+    if tables.lights is not None and scattering.albedo is not None:
+        lit = hit.valid & scattering.diffuse
+        direct = _direct(tables, point, face_forward(point.shading, wo), u[:2], False)
+        gathered = gathered + jnp.where(lit, walk.throughput * scattering.albedo * direct, 0)
+    throughput = jnp.where(hit.valid, walk.throughput * scattering.weight, 0)
+    return Walk(once(leave)(point, scattering.direction), throughput, gathered, scattering.specular)

@@ -1,0 +1,342 @@
+"""The edges of shadows: direct ones, and what they do to the light that diffuse surfaces pass on.
+
+A sample starts at a point y of a light and grazes an outline at q. Its line meets the scene at x, where a unit of
+clearance brings the power of a line source, E · J / D² (E: intensity towards q over the density of y; J: length of
+outline per unit of t; D = |q − y|). The receiver's cosine and distance cancel. From x the power is followed along a
+random walk, and each diffuse vertex shows it to the camera: the primal light tracing of that line source.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxrt.boundary.clearance import Anchors, EdgeSamples, LightPoints, ViewPoints
+from jaxrt.boundary.guiding import Draw, place, sample_guided
+from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, edge_table, rim_at
+from jaxrt.boundary.view import Projection, project
+from jaxrt.lights import LightTable
+from jaxrt.materials import scatter
+from jaxrt.maths import cross, dot, face_forward, normalize, safe_divide, safe_sqrt, unit_roundoff
+from jaxrt.native import once
+from jaxrt.path import Tables, tables_of
+from jaxrt.pytree import pytree
+from jaxrt.records import Ray, SurfacePoint
+from jaxrt.samplers import independent
+from jaxrt.sampling import pdf_cosine_hemisphere, pdf_uniform_sphere, sample_cosine_hemisphere, sample_uniform_sphere
+from jaxrt.scene import Scene
+from jaxrt.shapes import find, leave, occluded, surface_point
+
+NUDGE = 1e-4  # of the distance to the outline: rays pass it at this distance, since grazing ones may go either way
+BEYOND = 1e-3  # a receiver is farther than the outline by this share of its distance
+LOBE = 0.9  # share of light points drawn by the cosine to the outline; the others are uniform
+FEW_ROWS = 512  # outlines up to this number are cut into BINS bins each
+BINS = 8
+GRAZING = 1e-4  # smallest cosine between camera ray and receiver
+
+
+class Plan(NamedTuple):
+    """What is compiled, besides the scene's structure."""
+
+    n: int  # samples
+    max_depth: int
+    geometry_moves: bool
+    lights_move: bool
+    devices: tuple[jax.Device, ...]
+
+
+@pytree
+class ShadowTables:
+    """What shadow samples are drawn from."""
+
+    tables: Tables
+    outlines: Silhouettes
+    faces: Array | None  # (n, 3) int32
+
+
+@pytree
+class LightPoint:
+    """A point on a light."""
+
+    position: Array  # (3,)
+    omega: Array  # (3,) unit; 0 for a point light
+    start: Array  # (3,) the position moved off the light's surface by its rounding
+    shine: Array  # (3,) intensity over the density of ω; for a sphere to be multiplied by cosine/π
+
+
+@pytree
+class Carrier:
+    """A line source's light under way."""
+
+    probe: Ray  # finds the next surface
+    ray: Ray  # tells where on it the light arrives
+    least: Array  # () distance that it has to travel
+    flux: Array  # (3,)
+
+
+@pytree
+class Vertex:
+    """A point that a line source's light arrives at."""
+
+    point: SurfacePoint
+    index: Array  # () int32 primitive
+    view: Projection
+    pixel: Array  # () int32, beyond the picture where the camera does not see it
+    weight: Array  # (3,)
+
+
+def shadow_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
+    """Return samples of the edges of shadows; none where nothing can cast or show one."""
+    tables = tables_of(scene)
+    # A scene's only light cannot block itself
+    spheres = tables.occluders.spheres
+    edges = None if scene.triangles is None else edge_table(scene.triangles)
+    outlines = Silhouettes(spheres, edges)
+    if tables.lights is None or outlines.rows == 0 or tables.materials.diffuse is None:
+        return ()
+    bins = bins_for(outlines.rows)
+    faces = scene.triangles.faces if scene.triangles is not None and plan.geometry_moves else None
+    operands = ShadowTables(tables, outlines, faces)
+    weights = _weights(tables, outlines, bins)
+    return sample_guided(partial(_sample, plan, bins), operands, weights, plan.n, seed, plan.devices)
+
+
+def bins_for(rows: int) -> int:
+    """Return into how many bins to cut each of so many outlines."""
+    return BINS if rows <= FEW_ROWS else 1
+
+
+def _weights(tables: Tables, outlines: Silhouettes, bins: int) -> Array:
+    """Return weights (lights · rows · bins,): the angle that each bin spans times the light's power."""
+    assert tables.lights is not None
+    lights = tables.lights.lights
+    reach = jnp.zeros_like(lights.position[:, 0]) if lights.radius is None else lights.radius
+    own = tables.first_light + jnp.arange(lights.position.shape[0])
+
+    def of_light(light: tuple[Array, Array, Array, Array]) -> Array:
+        position, reach, intensity, own = light
+        angles = angular_lengths(outlines, position, reach, False, bins)
+        # A light casts no shadow of itself
+        other = (jnp.arange(outlines.rows) != own) | (own >= outlines.spheres_count)
+        return jnp.where(jnp.repeat(other, bins), angles, 0) * jnp.sum(intensity)
+
+    return lax.map(of_light, (lights.position, reach, lights.intensity, own)).ravel()
+
+
+def _sample(plan: Plan, bins: int, operands: ShadowTables, draw: Draw) -> tuple[tuple[EdgeSamples, ...], Array]:
+    """Return one sample, and what it brings."""
+    tables, outlines = operands.tables, operands.outlines
+    assert tables.lights is not None
+    # Draw a line from a light past an outline
+    placed = once(place)(draw)
+    light, rest = placed.bin // (outlines.rows * bins), placed.bin % (outlines.rows * bins)
+    row = rest // bins
+    t = ((rest % bins).astype(placed.t.dtype) + placed.t) / bins
+    source = once(partial(_light_point, tables.first_light))(tables.lights, outlines, light, row, t, draw.spread)
+    rim = once(partial(rim_at, creases=False))(outlines, row, t, source.position)
+    density = placed.density * bins * draw.total
+    carrier = once(_carrier)(source, rim, density)
+    # Follow its light
+    walk = partial(_vertex, tables, draw)
+    depth = plan.max_depth if plan.lights_move else 1
+    _, vertices = lax.scan(walk, carrier, jnp.arange(depth, dtype=jnp.int32))
+    receiver = jax.tree.map(lambda x: x[0], vertices)
+    samples = once(partial(_edge_samples, plan))(operands, light, source, row, t, rim, receiver, vertices)
+    along = _along(rim, source, receiver)
+    measure = jnp.sum(vertices.weight) * (1 if plan.geometry_moves else 1 - along)
+    return samples, measure
+
+
+def _light_point(
+    first_light: int,
+    table: LightTable,
+    outlines: Silhouettes,
+    light: Array,
+    row: Array,
+    t: Array,
+    u: tuple[Array, Array],
+) -> LightPoint:
+    """Return a point of a light, likelier on the side that faces an outline."""
+    lights = table.lights
+    center, intensity = lights.position[light], lights.intensity[light]
+    if lights.radius is None:
+        return LightPoint(center, jnp.zeros_like(center), center, intensity)
+    axis = normalize(_middle(outlines, row, t) - center)
+    axis = jnp.where(dot(axis, axis) > 0, axis, jnp.zeros_like(axis).at[2].set(1))
+    u0 = u[0] / LOBE, (u[0] - LOBE) / (1 - LOBE)
+    lobe = u[0] < LOBE
+    omega = jnp.where(
+        lobe,
+        sample_cosine_hemisphere(axis, (jnp.where(lobe, u0[0], 0), u[1])),
+        sample_uniform_sphere((jnp.where(lobe, 0, jnp.minimum(u0[1], 1)), u[1])),
+    )
+    pdf = LOBE * pdf_cosine_hemisphere(dot(omega, axis)) + (1 - LOBE) * pdf_uniform_sphere()
+    radius = lights.radius[light]
+    position = center + radius * omega
+    rounding = 32 * unit_roundoff(center) * (jnp.sum(jnp.abs(center)) + radius)
+    return LightPoint(position, omega, position + rounding * omega, intensity / pdf)
+
+
+def _middle(outlines: Silhouettes, row: Array, t: Array) -> Array:
+    """Return a point near all of a row's bin."""
+    n = outlines.spheres_count
+    points = []
+    if outlines.spheres is not None:
+        points.append(outlines.spheres.center[jnp.minimum(row, n - 1)])
+    if outlines.edges is not None:
+        corners = outlines.edges.corners[jnp.maximum(row - n, 0)]
+        points.append(corners[0] + t * (corners[1] - corners[0]))
+    return points[0] if len(points) == 1 else jnp.where(row < n, points[0], points[1])
+
+
+def _carrier(source: LightPoint, rim: Rim, density: Array) -> Carrier:
+    """Return the light that sets out past an outline, per unit of clearance and of the samples' density."""
+    line = normalize(rim.point - source.position)
+    shine = source.shine
+    sphere = dot(source.omega, source.omega) > 0
+    shine = shine * jnp.where(sphere, jnp.maximum(dot(source.omega, line), 0) / jnp.pi, 1)
+    ok = rim.valid & (density > 0) & (rim.distance > 0)
+    spread = safe_divide(rim.jacobian, rim.distance * rim.distance * density)
+    flux = jnp.where(ok, shine * spread, 0)
+    probe = normalize(rim.point + NUDGE * rim.distance * rim.normal - source.start)
+    return Carrier(Ray(source.start, probe), Ray(source.start, line), rim.distance * (1 + BEYOND), flux)
+
+
+def _vertex(tables: Tables, draw: Draw, carrier: Carrier, k: Array) -> tuple[Carrier, Vertex]:
+    """Return the light one surface on, and the vertex there. k: () 0 for the shadow's own receiver."""
+    hit = once(find)(tables.geometry, carrier.probe)
+    point = once(surface_point)(tables.geometry, carrier.ray, hit)
+    travelled = dot(point.position - carrier.ray.origin, carrier.ray.direction)
+    arrived = hit.valid & (travelled > carrier.least)
+    wo = -carrier.ray.direction
+    _, _, *u = (x.astype(wo.dtype) for x in independent(draw.stream, k + 1))
+    scattering = once(scatter)(tables.materials, point.material, point.shading, wo, (u[0], u[1]))
+    assert scattering.albedo is not None
+    arriving = carrier.flux * _tilt(point, wo)
+    # Show it to the camera
+    view, share = once(_connect)(tables, point, face_forward(point.shading, wo))
+    shown = arrived & scattering.diffuse & (share > 0)
+    weight = jnp.where(shown, arriving * scattering.albedo * (share / jnp.pi), 0)
+    pixel = jnp.where(shown, view.pixel, tables.camera.width * tables.camera.height)
+    # Only diffuse surfaces receive light from light samples
+    passes = arrived & (scattering.diffuse | (k > 0))
+    leaving = safe_divide(jnp.ones_like(arriving), _tilt(point, scattering.direction) * jnp.ones_like(arriving))
+    flux = jnp.where(passes, jnp.where(scattering.diffuse, arriving * leaving, carrier.flux) * scattering.weight, 0)
+    ray = once(leave)(point, scattering.direction)
+    return Carrier(ray, ray, jnp.zeros_like(carrier.least), flux), Vertex(point, hit.index, view, pixel, weight)
+
+
+def _tilt(point: SurfacePoint, direction: Array) -> Array:
+    """Return the cosine to the shading normal over that to the geometric one: 1 unless the mesh is smooth.
+
+    Light is scattered by the former and spread over the surface by the latter (Veach 1997, §5.3).
+    """
+    if point.smooth is None:
+        return jnp.ones_like(point.error)
+    return jnp.abs(safe_divide(dot(point.shading, direction), dot(point.normal, direction)))
+
+
+def _connect(tables: Tables, point: SurfacePoint, facing: Array) -> tuple[Projection, Array]:
+    """Return a point's image and pixels per area at right angles to the surface; 0 where the camera does not see it."""
+    view = project(tables.camera, point.position)
+    away = tables.camera.position - point.position
+    squared = dot(away, away)
+    direction = normalize(away)
+    # What the camera sees of the surface, on the side that is lit
+    cosine = jnp.where(dot(facing, direction) > 0, jnp.abs(dot(point.normal, direction)), 0)
+    blocked = occluded(tables.geometry, leave(point, direction), safe_sqrt(squared) - point.error)
+    seen = view.inside & (cosine > GRAZING) & ~blocked
+    return view, jnp.where(seen, safe_divide(cosine * view.density, squared), 0)
+
+
+def _along(rim: Rim, source: LightPoint, receiver: Vertex) -> Array:
+    """Return where on the line from light to receiver the outline lies: s in [0, 1]."""
+    whole = receiver.point.position - source.position
+    return jnp.clip(safe_divide(rim.distance, safe_sqrt(dot(whole, whole))), 0, 1)
+
+
+def _edge_samples(
+    plan: Plan,
+    operands: ShadowTables,
+    light: Array,
+    source: LightPoint,
+    row: Array,
+    t: Array,
+    rim: Rim,
+    receiver: Vertex,
+    vertices: Vertex,
+) -> tuple[EdgeSamples, ...]:
+    """Return the weights of a line and the constants of its clearance."""
+    s = _along(rim, source, receiver)
+    points = LightPoints(light, source.omega, (1 - s) * rim.normal)
+    occluder = occluder_anchors(operands.outlines, operands.faces is not None, row, t, rim)
+    if not plan.geometry_moves:
+        # Lights move, which among several may cast shadows too
+        crowd = operands.outlines.spheres_count > operands.tables.first_light
+        return (EdgeSamples(vertices.pixel, vertices.weight, points, None, (occluder,) if crowd else ()),)
+    view, anchors = _attached(operands, receiver, s * rim.normal)
+    first = EdgeSamples(
+        vertices.pixel[:1], vertices.weight[:1], points if plan.lights_move else None, view, (anchors, occluder)
+    )
+    if not plan.lights_move or plan.max_depth == 1:
+        return (first,)
+    lights = jnp.where(row >= operands.tables.first_light, 1, 0).astype(s.dtype)
+    moving = Anchors(occluder.sphere, occluder.normal, occluder.on_sphere, None, None, occluder.factor * lights)
+    later = EdgeSamples(
+        vertices.pixel[1:], vertices.weight[1:], points, None, (moving,) if moving.sphere is not None else ()
+    )
+    return first, later
+
+
+def _attached(operands: ShadowTables, receiver: Vertex, factor: Array) -> tuple[ViewPoints, Anchors]:
+    """Return what the receiver's point depends on, seen at a fixed image point, times a factor (3,)."""
+    camera, n = operands.tables.camera, receiver.point.normal
+    across, down = receiver.view.image[0] - camera.width / 2, receiver.view.image[1] - camera.height / 2
+    toward = across * camera.right - down * camera.up + camera.forward
+    slope = dot(n, toward)
+    shown = jnp.sum(receiver.weight) > 0
+    on_surface = jnp.where(shown, n * safe_divide(dot(factor, toward), slope), 0)
+    on_ray = jnp.where(shown, factor, 0) - on_surface
+    view = ViewPoints(receiver.view.image, jnp.where(shown, receiver.view.depth, 0), on_ray)
+    return view, _receiver_anchors(operands, receiver, on_surface)
+
+
+def _receiver_anchors(operands: ShadowTables, receiver: Vertex, factor: Array) -> Anchors:
+    geometry, p = operands.tables.geometry, receiver.point.position
+    n = 0 if geometry.spheres is None else geometry.spheres.radius.shape[0]
+    on_sphere = jnp.where(receiver.index < n, 1, 0).astype(p.dtype)
+    sphere = None if geometry.spheres is None else jnp.clip(receiver.index, 0, n - 1)
+    normal = None if geometry.spheres is None else receiver.point.normal
+    if operands.faces is None:
+        return Anchors(sphere, normal, None if sphere is None else on_sphere, None, None, factor)
+    assert geometry.triangles is not None
+    face = jnp.maximum(receiver.index - n, 0)
+    weights = (1 - on_sphere) * _barycentric(geometry.triangles.corners[face], p)
+    return Anchors(sphere, normal, None if sphere is None else on_sphere, operands.faces[face], weights, factor)
+
+
+def _barycentric(corners: Array, p: Array) -> Array:
+    """Return the barycentric coordinates (3,) of a point in a triangle's plane; 0, 0, 1 for one without area."""
+    edge1, edge2, s = corners[1] - corners[0], corners[2] - corners[0], p - corners[0]
+    normal = cross(edge1, edge2)
+    squared = dot(normal, normal)
+    beta = safe_divide(dot(cross(s, edge2), normal), squared)
+    gamma = safe_divide(dot(cross(edge1, s), normal), squared)
+    return jnp.stack([1 - beta - gamma, beta, gamma])
+
+
+def occluder_anchors(outlines: Silhouettes, meshes_move: bool, row: Array, t: Array, rim: Rim) -> Anchors:
+    """Return the outline's point with the factor −m that the clearance gives it."""
+    n = outlines.spheres_count
+    on_sphere = jnp.where(row < n, 1, 0).astype(t.dtype)
+    factor = jnp.where(rim.valid, -rim.normal, 0)
+    sphere = normal = on = None
+    if outlines.spheres is not None:
+        sphere, normal, on = jnp.minimum(row, n - 1), rim.normal, on_sphere
+    if outlines.edges is None or not meshes_move:
+        return Anchors(sphere, normal, on, None, None, factor)
+    ends = outlines.edges.vertices[jnp.maximum(row - n, 0)]
+    weights = (1 - on_sphere) * jnp.stack([1 - t, t, jnp.zeros_like(t)])
+    return Anchors(sphere, normal, on, jnp.stack([ends[0], ends[1], ends[0]]), weights, factor)

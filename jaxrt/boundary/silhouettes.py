@@ -1,0 +1,231 @@
+"""The outlines that things show to an eye, be it a light or the camera: circles on spheres, edges of meshes.
+
+Everything here is without derivative. An outline is cut into rows (a sphere, or an edge), each of a parameter t in
+[0, 1) that runs along it.
+"""
+
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxrt.maths import cross, dot, normalize, safe_divide, safe_sqrt, unit_roundoff
+from jaxrt.pytree import pytree
+from jaxrt.sampling import frame, sincos_2pi
+from jaxrt.shapes import Triangles
+from jaxrt.shapes.sphere import SphereTable
+
+
+@pytree
+class MeshEdges:
+    """The edges of a mesh, each once. There are as many rows as faces have sides, and the surplus is not `used`."""
+
+    vertices: Array  # (e, 2) int32 rows of the vertices of both ends
+    opposite: Array  # (e, 2) int32 the third vertex of each of its two faces; twice the same where there is one face
+    faces: Array  # (e, 2) int32 rows of these faces
+    used: Array  # (e,) bool
+
+
+@pytree
+class EdgeTable:
+    """Edges as the sampler reads them."""
+
+    corners: Array  # (e, 4, 3) both ends, then the third corners of both faces
+    normals: Array  # (e, 2, 3) unit normals of both faces, on the same side of the surface; 0 for a face of no area
+    vertices: Array  # (e, 2) int32
+    faces: Array  # (e, 2) int32
+    used: Array  # (e,) bool
+    border: Array  # (e,) bool: of one face
+    same: Array  # (e,) bool: both faces have one material
+
+
+@pytree
+class Silhouettes:
+    """All that can have an outline: spheres, then sphere lights, then edges. What is absent is None."""
+
+    spheres: SphereTable | None
+    edges: EdgeTable | None
+
+    @property
+    def spheres_count(self) -> int:
+        """Number of rows that are spheres or sphere lights."""
+        return 0 if self.spheres is None else self.spheres.radius.shape[0]
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return self.spheres_count + (0 if self.edges is None else self.edges.used.shape[0])
+
+
+@pytree
+class Rim:
+    """A point of an outline as an eye sees it."""
+
+    point: Array  # (3,)
+    normal: Array  # (3,) unit, at right angles to the line of sight and to the outline, away from what blocks
+    jacobian: Array  # () length of outline at right angles to the line of sight, per unit of t
+    distance: Array  # () from the eye
+    valid: Array  # () bool: there is an outline here
+
+
+def mesh_edges(triangles: Triangles) -> MeshEdges:
+    """Return the edges of a mesh; vertices at the same place count as one, and faces without area as absent.
+
+    Two faces share an edge whatever their winding. Of three faces at one edge the third has it for itself.
+    """
+    faces, n = triangles.faces, triangles.faces.shape[0]
+    places = _places(triangles.vertices)[faces]
+    flat = _normals(triangles.vertices[faces]) == 0
+    # One row for each side of each face, sorted so that equal ones meet
+    start, end, tip = (jnp.concatenate([x[:, 0], x[:, 1], x[:, 2]]) for x in _sides(faces))
+    a, b, _ = (jnp.concatenate([x[:, 0], x[:, 1], x[:, 2]]) for x in _sides(places))
+    low, high = jnp.minimum(a, b), jnp.maximum(a, b)
+    absent = jnp.tile(jnp.all(flat, -1), 3) | (low == high)
+    order = jnp.lexsort((high, low, absent))
+    low, high, start, end, tip, absent = (x[order] for x in (low, high, start, end, tip, absent))
+    face = (jnp.tile(jnp.arange(n, dtype=jnp.int32), 3))[order]
+    # Pair each row with the next one of the same edge
+    number = jnp.arange(3 * n)
+    fresh = (number == 0) | (absent != jnp.roll(absent, 1))
+    fresh = fresh | (low != jnp.roll(low, 1)) | (high != jnp.roll(high, 1))
+    rank = number - lax.cummax(jnp.where(fresh, number, 0))
+    paired = ~jnp.roll(fresh, -1).at[-1].set(True)
+    other = jnp.where(paired, jnp.roll(tip, -1), tip)
+    other_face = jnp.where(paired, jnp.roll(face, -1), face)
+    used = ~absent & (rank % 2 == 0)
+    return MeshEdges(jnp.stack([start, end], -1), jnp.stack([tip, other], -1), jnp.stack([face, other_face], -1), used)
+
+
+def _sides(faces: Array) -> tuple[Array, Array, Array]:
+    """Return start, end and opposite corner (n, 3) of the three sides of each face."""
+    return faces, jnp.roll(faces, -1, axis=1), jnp.roll(faces, -2, axis=1)
+
+
+def _places(vertices: Array) -> Array:
+    """Return a number (v,) for each vertex, the same for vertices at the same place."""
+    vertices = vertices + 0.0  # makes −0 a 0
+    order = jnp.lexsort(tuple(vertices.T))
+    there = vertices[order]
+    moved = jnp.any(there != jnp.roll(there, 1, axis=0), axis=-1).at[0].set(False)
+    return jnp.cumsum(moved.astype(jnp.int32))[jnp.argsort(order)]
+
+
+def _normals(corners: Array) -> Array:
+    """Return unit normals (n, 3) of corners (n, 3, 3); 0 for a triangle that has no area to rounding."""
+    edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal = cross(edge1.T, edge2.T).T
+    largest = jnp.max(jnp.abs(normal), -1)
+    rounding = 4 * unit_roundoff(edge1) * jnp.max(jnp.abs(edge1), -1) * jnp.max(jnp.abs(edge2), -1)
+    scaled = normal / jnp.where(largest > rounding, largest, 1)[:, None]
+    length = jnp.sqrt(jnp.sum(scaled * scaled, -1))
+    return jnp.where((largest > rounding)[:, None], scaled / jnp.where(length > 0, length, 1)[:, None], 0)
+
+
+def edge_table(triangles: Triangles) -> EdgeTable:
+    """Return the rows that the sampler reads, from the vertices as they stand."""
+    edges = mesh_edges(triangles)
+    corners = triangles.vertices[jnp.concatenate([edges.vertices, edges.opposite], -1)]
+    a, b, v0, v1 = (corners[:, i] for i in range(4))
+    border = edges.faces[:, 0] == edges.faces[:, 1]
+    # Wound so that both normals lie on one side of the surface
+    first, second = _normals(jnp.stack([a, b, v0], 1)), _normals(jnp.stack([b, a, v1], 1))
+    second = jnp.where(border[:, None], -second, second)
+    material = triangles.material[edges.faces]
+    same = material[:, 0] == material[:, 1]
+    return EdgeTable(corners, jnp.stack([first, second], 1), edges.vertices, edges.faces, edges.used, border, same)
+
+
+def angular_lengths(table: Silhouettes, eye: Array, reach: Array, creases: bool, bins: int) -> Array:
+    """Return the angle (rows · bins,) that each row's bins span, seen from an eye; 0 where they show no outline.
+
+    reach: () the eye may be anywhere within this distance. creases: count every edge across which the surface's colour
+    can change, not silhouettes alone.
+    """
+    parts = []
+    if table.spheres is not None:
+        squared, power = _seen_sphere(table.spheres, eye)
+        sine = jnp.minimum(table.spheres.radius * lax.rsqrt(jnp.where(squared > 0, squared, 1)), 1)
+        distance, radius = jnp.sqrt(squared), table.spheres.radius
+        length = jnp.where((power > 0) | (distance + reach > radius), 2 * jnp.pi * sine, 0)
+        parts.append(jnp.repeat(length / bins, bins))
+    if table.edges is not None:
+        parts.append(_angular_edges(table.edges, eye, reach, creases, bins))
+    return jnp.concatenate(parts)
+
+
+def _angular_edges(edges: EdgeTable, eye: Array, reach: Array, creases: bool, bins: int) -> Array:
+    """Return the angle (e · bins,) of each edge's bins."""
+    a, b = edges.corners[:, None, 0], edges.corners[:, None, 1]
+    t = ((jnp.arange(bins, dtype=eye.dtype) + 0.5) / bins)[None, :, None]
+    away = a + t * (b - a) - eye[None, None]
+    squared = jnp.sum(away * away, -1) + reach * reach
+    side = jnp.stack(jnp.broadcast_arrays(*_cross_rows(b - a, away)), -1)
+    length = safe_divide(jnp.sqrt(jnp.sum(side * side, -1)), squared) / bins
+    n0, n1 = edges.normals[:, 0], edges.normals[:, 1]
+    turn = jnp.sqrt(jnp.sum((n0 - n1) ** 2, -1))
+    bent = edges.border | (turn > 1e-4)
+    if creases:
+        shown = bent | ~edges.same
+    else:
+        h0, h1 = (jnp.sum(n * (eye[None] - edges.corners[:, 0]), -1) for n in (n0, n1))
+        shown = bent & (edges.border | ~(((h0 > reach) & (h1 > reach)) | ((h0 < -reach) & (h1 < -reach))))
+    return jnp.where((shown & edges.used)[:, None], length, 0).ravel()
+
+
+def _cross_rows(a: Array, b: Array) -> tuple[Array, Array, Array]:
+    x, y, z = a[..., 0], a[..., 1], a[..., 2]
+    u, v, w = b[..., 0], b[..., 1], b[..., 2]
+    return y * w - z * v, z * u - x * w, x * v - y * u
+
+
+def _seen_sphere(table: SphereTable, eye: Array) -> tuple[Array, Array]:
+    """Return |c − eye|² and that less r², (n,) each, the latter without cancellation for huge spheres."""
+    away = eye[None] - table.center
+    power = jnp.sum((eye[None] - table.base) * (away - table.shift), -1) + table.constant
+    return jnp.sum(away * away, -1), power
+
+
+def rim_at(table: Silhouettes, row: Array, t: Array, eye: Array, creases: bool) -> Rim:
+    """Return the point at t of a row's outline, as seen from an eye. creases: see `angular_lengths`."""
+    if table.edges is None:
+        assert table.spheres is not None
+        return _sphere_rim(table.spheres, row, t, eye)
+    if table.spheres is None:
+        return _edge_rim(table.edges, row, t, eye, creases)
+    n = table.spheres_count
+    a = _sphere_rim(table.spheres, jnp.minimum(row, n - 1), t, eye)
+    b = _edge_rim(table.edges, jnp.maximum(row - n, 0), t, eye, creases)
+    return Rim(*(jnp.where(row < n, x, y) for x, y in zip(_fields(a), _fields(b), strict=True)))
+
+
+def _sphere_rim(table: SphereTable, row: Array, t: Array, eye: Array) -> Rim:
+    """Return a point of the circle where lines from the eye touch a sphere."""
+    center, radius = table.center[row], table.radius[row]
+    away = eye - center
+    squared = dot(away, away)
+    power = dot(eye - table.base[row], away - table.shift[row]) + table.constant[row]
+    valid = (power > 0) & (squared > 0)
+    inverse = lax.rsqrt(jnp.where(valid, squared, 1))
+    sine, cosine = radius * inverse, safe_sqrt(power) * inverse
+    axis = jnp.where(valid, -away * inverse, jnp.zeros_like(away).at[2].set(1))
+    side, up = frame(axis)
+    cos, sin = sincos_2pi(t)
+    normal = cosine * (cos * side + sin * up) - sine * axis
+    return Rim(center + radius * normal, normal, 2 * jnp.pi * radius * cosine, safe_sqrt(power), valid & (power > 0))
+
+
+def _edge_rim(table: EdgeTable, row: Array, t: Array, eye: Array, creases: bool) -> Rim:
+    """Return a point of an edge."""
+    a, b, v0, v1 = (table.corners[row, i] for i in range(4))
+    point = a + t * (b - a)
+    away = point - eye
+    distance = safe_sqrt(dot(away, away))
+    side = cross(b - a, normalize(away))
+    jacobian = safe_sqrt(dot(side, side))
+    normal = normalize(side)
+    first, second = dot(normal, v0 - a), dot(normal, v1 - a)
+    normal = jnp.where(first > 0, -normal, normal)
+    shown = (jacobian > 0) & (distance > 0)
+    return Rim(point, normal, jacobian, distance, shown if creases else shown & (first * second > 0))
+
+
+def _fields(rim: Rim) -> tuple[Array, Array, Array, Array, Array]:
+    return rim.point, rim.normal, rim.jacobian, rim.distance, rim.valid

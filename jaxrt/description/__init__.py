@@ -1,0 +1,277 @@
+"""What a scene is, in words and plain numbers: the validated form of a scene file or of a dict."""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+from jaxrt.description.mesh import MeshDescription
+from jaxrt.description.values import (
+    EXAMPLES,
+    FLOAT32_MAX,
+    FLOAT32_TINY,
+    PARALLEL,
+    SHORTEST,
+    Albedo,
+    Count,
+    Fov,
+    Ior,
+    LightRadius,
+    Name,
+    Radius,
+    Rgb,
+    SceneError,
+    SceneWarning,
+    Table,
+    Vector,
+    complaint,
+    nearest,
+    number,
+    plain,
+    show,
+    tables,
+    three,
+)
+from jaxrt.mesh_facts import COLLINEAR
+
+__all__ = [
+    "CameraDescription",
+    "Diffuse",
+    "EnvironmentDescription",
+    "Glass",
+    "LightDescription",
+    "MaterialDescription",
+    "MeshDescription",
+    "Mirror",
+    "RenderDefaults",
+    "SceneDescription",
+    "SceneError",
+    "SceneWarning",
+    "Solid",
+    "SphereDescription",
+    "TriangleDescription",
+    "nearest",
+    "parse_description",
+    "show",
+]
+
+
+class CameraDescription(Table):
+    """A pinhole camera; `fov` is vertical, in degrees."""
+
+    position: Vector
+    target: Vector = Field(default=None, validate_default=True)
+    up: Vector = (0.0, 1.0, 0.0)
+    fov: Fov = 60.0
+    width: Count = 512
+    height: Count = 512
+
+    @field_validator("target", mode="before")
+    @classmethod
+    def _look_along_minus_z(cls, value: Any, info: ValidationInfo) -> Any:
+        x, y, z = info.data.get("position", (0.0, 0.0, 0.0))
+        return (x, y, z - 1) if value is None else value
+
+    @model_validator(mode="after")
+    def _check_frame(self) -> Self:
+        view = np.subtract(self.target, self.position)
+        length, up_length = np.linalg.norm(view), np.linalg.norm(self.up)
+        if length < SHORTEST:
+            raise complaint("is the camera's position: nothing to look along, move one of them", "target")
+        if up_length < SHORTEST:
+            raise complaint(f"{show(self.up)} is zero: use a direction such as [0, 1, 0]", "up")
+        if np.linalg.norm(np.cross(view, self.up)) <= PARALLEL * length * up_length:
+            raise complaint(f"{show(self.up)} is parallel to the view: choose another direction", "up")
+        return self
+
+
+class RenderDefaults(Table):
+    """What `render` uses where it is not told otherwise."""
+
+    spp: Count = 64
+    max_depth: Count = 5
+
+
+class EnvironmentDescription(Table):
+    """A constant environment, W·sr⁻¹·m⁻²."""
+
+    radiance: Rgb
+
+
+class Diffuse(Table):
+    """A Lambertian surface."""
+
+    type: Literal["diffuse"] = "diffuse"
+    albedo: Albedo
+
+
+class Mirror(Table):
+    """A perfect mirror."""
+
+    type: Literal["mirror"] = "mirror"
+    albedo: Albedo = (1.0, 1.0, 1.0)
+
+
+class Glass(Table):
+    """A smooth dielectric; `ior` is inside over outside."""
+
+    type: Literal["glass"] = "glass"
+    ior: Ior
+
+
+MATERIALS = ("diffuse", "mirror", "glass")
+MaterialDescription = Annotated[Diffuse | Mirror | Glass, Field(discriminator="type")]
+
+
+class SphereDescription(Table):
+    """A sphere."""
+
+    center: Vector
+    radius: Radius
+    material: Name
+
+
+class TriangleDescription(Table):
+    """A triangle, two-sided where its material is."""
+
+    vertices: Annotated[tuple[Vector, Vector, Vector], BeforeValidator(three)]
+    material: Name
+
+    @model_validator(mode="after")
+    def _check_area(self) -> Self:
+        a, b, c = np.array(self.vertices)
+        doubled = np.linalg.norm(np.cross(b - a, c - a))
+        longest = max(np.linalg.norm(b - a), np.linalg.norm(c - a), np.linalg.norm(c - b))
+        if doubled <= COLLINEAR * longest**2:
+            raise complaint(f"{show(self.vertices)} has no area: move a vertex or remove it", "vertices")
+        if doubled**2 < FLOAT32_TINY:
+            raise complaint(f"area {doubled / 2:.2g} is too small for float32: scale the scene up", "vertices")
+        return self
+
+
+Solid = SphereDescription | TriangleDescription
+
+
+class LightDescription(Table):
+    """A point light (radius 0) or a spherical light; intensity in W/sr."""
+
+    position: Vector
+    intensity: Rgb
+    radius: LightRadius = 0.0
+
+    @field_validator("intensity", mode="before")
+    @classmethod
+    def _grey(cls, value: Any) -> Any:
+        value = plain(value)
+        if isinstance(value, list | tuple):
+            return value
+        grey = number(value)
+        if grey < 0:
+            raise complaint(f"{show(value)} is negative: light cannot be, use 0 or more")
+        return (grey, grey, grey)
+
+    @model_validator(mode="after")
+    def _check_radiance(self) -> Self:
+        if self.radius and max(self.intensity) / (math.pi * self.radius**2) > FLOAT32_MAX:
+            raise complaint(f"{self.radius} makes the radiance too large for float32: use 0", "radius")
+        return self
+
+
+def _check_types(value: Any) -> Any:
+    """Refuse materials without a known type, before the type picks their model."""
+    if not isinstance(value, Mapping):
+        raise complaint(f"{show(value)} is not a table: write [materials.NAME]")
+    for name, material in value.items():
+        if isinstance(material, BaseModel):
+            continue
+        if not isinstance(material, Mapping):
+            raise complaint(f"{show(material)} is not a table: write [materials.{name}]", str(name))
+        if "type" not in material:
+            raise complaint(f'"type" is missing: add {EXAMPLES["type"]}', str(name))
+        if material["type"] not in MATERIALS:
+            hint = nearest(str(material["type"]), MATERIALS)
+            raise complaint(f"unknown material type {show(material['type'])}{hint}", str(name), "type")
+    return value
+
+
+class SceneDescription(Table):
+    """A whole scene. Rows of `spheres`, `meshes`, `triangles` and `lights` keep the order of the file."""
+
+    camera: CameraDescription
+    render: RenderDefaults = RenderDefaults()
+    environment: EnvironmentDescription | None = None
+    materials: Annotated[dict[Name, MaterialDescription], BeforeValidator(_check_types)] = {}
+    spheres: Annotated[tuple[SphereDescription, ...], BeforeValidator(tables)] = ()
+    meshes: Annotated[tuple[MeshDescription, ...], BeforeValidator(tables)] = ()
+    triangles: Annotated[tuple[TriangleDescription, ...], BeforeValidator(tables)] = ()
+    lights: Annotated[tuple[LightDescription, ...], BeforeValidator(tables)] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_mesh_materials(cls, value: Any) -> Any:
+        """Add the materials that meshes bring along; one of that name in the scene wins."""
+        if not isinstance(value, Mapping) or not isinstance(value.get("meshes"), list | tuple):
+            return value
+        own: dict[str, Any] = {}
+        for mesh in value["meshes"]:
+            if isinstance(mesh, Mapping) and "material" not in mesh and isinstance(mesh.get("materials"), Mapping):
+                own |= mesh["materials"]
+        materials = value.get("materials", {})
+        if not own or not isinstance(materials, Mapping):
+            return value
+        return {**value, "materials": {**materials, **{k: v for k, v in own.items() if k not in materials}}}
+
+    @model_validator(mode="after")
+    def _check_names(self) -> Self:
+        for i, mesh in enumerate(self.meshes):
+            if mesh.material is not None and mesh.material not in self.materials:
+                hint = nearest(mesh.material, self.materials)
+                raise complaint(f"unknown material {show(mesh.material)}{hint}", "meshes", i, "material")
+        groups: dict[str, Sequence[Solid]] = {"spheres": self.spheres, "triangles": self.triangles}
+        for group, members in groups.items():
+            for i, member in enumerate(members):
+                if member.material not in self.materials:
+                    hint = nearest(member.material, self.materials)
+                    raise complaint(f"unknown material {show(member.material)}{hint}", group, i, "material")
+        return self
+
+
+def _place(location: tuple[str | int, ...]) -> str:
+    """Return `location` as a path such as `spheres[2].material`."""
+    text = ""
+    for part in location:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            text += ("." if text else "") + (part if re.fullmatch(r"[\w-]+", part) else show(part))
+    return text
+
+
+def parse_description(mapping: Mapping[str, Any], source: str = "scene") -> SceneDescription:
+    """Return the validated description of a scene given as nested mappings, as in a scene file.
+
+    Raises SceneError, one line that starts with `source`, for the first thing that is wrong.
+    """
+    try:
+        return SceneDescription.model_validate(mapping)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+    context = first.get("ctx", {})
+    location = tuple(first["loc"])
+    # Drop the material's type, which pydantic puts between its name and its key
+    if location[:1] == ("materials",):
+        location = location[:2] + location[3:]
+    place = _place(location + tuple(context.get("place", ())))
+    text = context.get("text") or f"{show(first['input'])}: {first['msg']}"
+    raise SceneError(": ".join(filter(None, (source, place, text))))

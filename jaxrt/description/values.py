@@ -1,0 +1,162 @@
+"""The numbers, names and tables that descriptions are made of, and how they are refused."""
+
+import difflib
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationInfo, model_validator
+from pydantic_core import PydanticCustomError
+
+FLOAT32_MAX = float(np.finfo(np.float32).max)
+FLOAT32_TINY = float(np.finfo(np.float32).tiny)
+LONGEST = 1e15  # lengths are squared in float32, which ends at 3.4e38
+SHORTEST = 1e-15  # and begins at 1.2e-38
+COUNT_MAX = 2**31 - 1  # sample numbers and pixels are int32
+PARALLEL = 1e-6  # sine of the angle between up and view below which the camera's frame is noise in float32
+
+EXAMPLES = {
+    "camera": "a table [camera] with position = [0, 0, 55]",
+    "position": "position = [0, 0, 55]",
+    "center": "center = [0, 0, 0]",
+    "radius": "radius = 10",
+    "material": 'material = "white"',
+    "vertices": "vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]",
+    "intensity": "intensity = 3000",
+    "radiance": "radiance = [1, 1, 1]",
+    "albedo": "albedo = [0.8, 0.8, 0.8]",
+    "ior": "ior = 1.5",
+    "type": 'type = "diffuse", "mirror" or "glass"',
+}
+
+
+class SceneError(ValueError):
+    """A scene that cannot be rendered: one line with source, place, culprit and remedy."""
+
+
+class SceneWarning(UserWarning):
+    """A scene that can be rendered, but hardly means what it says."""
+
+
+def show(value: object) -> str:
+    """Return `value` as it would stand in a scene file, on one line of at most 60 characters."""
+    quoted = isinstance(value, str | bool)
+    text = json.dumps(value, ensure_ascii=False) if quoted else repr(value).replace("\n", " ")
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return ` (did you mean "x"?)` with the nearest of `known`, or all of them where none is near."""
+    choices = list(known)
+    near = difflib.get_close_matches(name, choices, n=1)
+    if near:
+        return f" (did you mean {show(near[0])}?)"
+    return f" (known: {', '.join(choices)})" if choices else " (none is defined)"
+
+
+def complaint(text: str, *place: str | int) -> PydanticCustomError:
+    """Return the error `text` at `place`, relative to the value being validated."""
+    return PydanticCustomError("scene", "{text}", {"text": text, "place": place})
+
+
+def plain(value: Any) -> Any:
+    """Return arrays and array scalars as lists and numbers."""
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def number(value: Any) -> float:
+    value = plain(value)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        hint = "write it without quotes" if isinstance(value, str) else "write a number"
+        raise complaint(f"{show(value)} is not a number: {hint}")
+    if not (math.isfinite(value) if isinstance(value, float) else True):
+        raise complaint(f"{show(value)} is not finite: write a finite number")
+    if abs(value) > FLOAT32_MAX:
+        raise complaint(f"{show(value)} is too large for float32: stay within ±3.4e38")
+    return float(value)
+
+
+def count(value: Any) -> int:
+    value = plain(value)
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise complaint(f"{show(value)} is not a whole number: write an integer >= 1")
+    if not 1 <= value <= COUNT_MAX:
+        raise complaint(f"{show(value)} is out of range: write an integer from 1 to {COUNT_MAX}")
+    return value
+
+
+def string(value: Any) -> str:
+    if not isinstance(value, str):
+        raise complaint(f"{show(value)} is not a name: write a string in quotes")
+    return value
+
+
+def three(value: Any) -> tuple[Any, ...]:
+    value = plain(value)
+    if not isinstance(value, list | tuple):
+        raise complaint(f"{show(value)} is not a list: write three values in brackets")
+    if len(value) != 3:
+        raise complaint(f"{show(value)} has {len(value)} values: write 3")
+    return tuple(value)
+
+
+def tables(value: Any, info: ValidationInfo) -> tuple[Any, ...]:
+    if isinstance(value, Mapping):
+        raise complaint(f"a single table where many can be: write [[{info.field_name}]] with two brackets")
+    if not isinstance(value, list | tuple):
+        raise complaint(f"{show(value)} is not a list of tables: write [[{info.field_name}]]")
+    return tuple(value)
+
+
+def require(test: Callable[[np.float32], object], text: str) -> AfterValidator:
+    """Return a validator that refuses numbers which, once in float32, fail `test`."""
+
+    def check(value: float) -> float:
+        if not test(np.float32(value)):
+            raise complaint(f"{show(value)} {text}")
+        return value
+
+    return AfterValidator(check)
+
+
+_not_too_long = require(lambda x: abs(x) <= LONGEST, "is too far out for float32: stay within ±1e15")
+_not_too_short = require(lambda x: x == 0 or x >= SHORTEST, "is too small for float32: use 1e-15 or more")
+
+Count = Annotated[int, BeforeValidator(count)]
+Name = Annotated[str, BeforeValidator(string)]
+Number = Annotated[float, BeforeValidator(number)]
+Coordinate = Annotated[Number, _not_too_long]
+Reflectance = Annotated[Number, require(lambda x: 0 <= x <= 1, "is outside [0, 1]: choose an albedo within")]
+Power = Annotated[Number, require(lambda x: x >= 0, "is negative: light cannot be, use 0 or more")]
+Radius = Annotated[Number, require(lambda x: x > 0, "is not > 0: use a positive radius"), _not_too_long, _not_too_short]
+LightRadius = Annotated[
+    Number, require(lambda x: x >= 0, "is negative: use 0 for a point light"), _not_too_long, _not_too_short
+]
+Ior = Annotated[Number, require(lambda x: x > 0, "is not > 0: glass has about 1.5")]
+Fov = Annotated[Number, require(lambda x: 0 < x < 180, "is not between 0 and 180: choose degrees, such as 60")]
+Vector = Annotated[tuple[Coordinate, Coordinate, Coordinate], BeforeValidator(three)]
+Albedo = Annotated[tuple[Reflectance, Reflectance, Reflectance], BeforeValidator(three)]
+Rgb = Annotated[tuple[Power, Power, Power], BeforeValidator(three)]
+
+
+class Table(BaseModel):
+    """A table of the scene file: known keys only, each required one present."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _check_keys(cls, value: Any) -> Any:
+        if isinstance(value, BaseModel):
+            return value
+        if not isinstance(value, Mapping):
+            raise complaint(f"{show(value)} is not a table: write keys and values")
+        for key in value:
+            if key not in cls.model_fields:
+                raise complaint(f"unknown key {show(key)}{nearest(str(key), cls.model_fields)}")
+        for name, field in cls.model_fields.items():
+            if field.is_required() and name not in value:
+                raise complaint(f"{show(name)} is missing: add {EXAMPLES[name]}")
+        return dict(value)

@@ -1,0 +1,64 @@
+"""Moving visibility edges as JAX sees them: a picture of zeros that has their derivative."""
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.custom_derivatives import SymbolicZero
+
+from jaxrt import boundary
+from jaxrt.scene import Scene
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(2,))
+def moving_edges(scene: Scene, seed: Array, plan: boundary.Plan) -> Array:
+    """Return zeros (height, width, 3), whose derivative is what moving visibility edges add to that of the picture.
+
+    seed: () uint32. What moves is read off the derivative that is asked for, whatever `plan` says of it: edges are not
+    sampled unless they move. Raises ValueError where a second derivative is taken.
+    """
+    return jnp.zeros((scene.camera.height, scene.camera.width, 3), scene.camera.position.dtype)
+
+
+@partial(moving_edges.defjvp, symbolic_zeros=True)
+def _moving_edges_jvp(plan: boundary.Plan, primals: tuple[Scene, Array], tangents: Any) -> tuple[Array, Array]:
+    scene, seed = primals
+    nothing = moving_edges(scene, seed, plan)
+    changes, structure = jax.tree.flatten(tangents[0], is_leaf=lambda x: isinstance(x, SymbolicZero))
+    names = [
+        jax.tree_util.keystr(path, simple=True, separator=".")
+        for (path, _), change in zip(jax.tree.leaves_with_path(scene), changes, strict=True)
+        if not isinstance(change, SymbolicZero)
+    ]
+    lights_move = bool({"lights.position", "lights.radius"} & set(names))
+    geometry_moves = any(name.split(".")[0] in {"camera", "spheres", "triangles"} for name in names)
+    if not (lights_move or geometry_moves):
+        return nothing, jnp.zeros_like(nothing)
+    plan = plan._replace(lights_move=lights_move, geometry_moves=geometry_moves)
+    dense = [_dense(change) for change in changes]
+    return nothing, boundary.edge_tangent(_once(scene), jax.tree.unflatten(structure, dense), seed, plan)
+
+
+def _dense(change: Any) -> Any:
+    """Return a tangent as `jax.jvp` wants it: float0 zeros for integers."""
+    if not isinstance(change, SymbolicZero):
+        return change
+    inexact = jnp.issubdtype(change.dtype, jnp.inexact)
+    return jnp.zeros(change.shape, change.dtype) if inexact else np.zeros(change.shape, jax.dtypes.float0)
+
+
+@jax.custom_jvp
+def _once(scene: Scene) -> Scene:
+    """Return the scene, of which no further derivative can be taken."""
+    return scene
+
+
+@partial(_once.defjvp, symbolic_zeros=True)
+def _once_jvp(primals: tuple[Scene], tangents: Any) -> Any:
+    raise ValueError(
+        "render: boundary_samples: the edge terms have no second derivative; use boundary_samples=0 for the Hessian "
+        "of the interior terms, or Gauss-Newton, which needs first derivatives only"
+    )

@@ -1,0 +1,147 @@
+"""Packets of pixels: which pixels a packet holds, one sample of each, and packets over devices."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jax.sharding import Mesh, PartitionSpec
+
+from jaxrt.camera import camera_ray
+from jaxrt.maths import kahan_add
+from jaxrt.native import fold_packets, map_packets
+from jaxrt.path import Tables, radiance
+from jaxrt.samplers import SAMPLERS, Stream
+
+NATIVE_LANES = 1024  # packets of more lanes are not compiled as one native kernel
+
+Operands = TypeVar("Operands")
+Totals = TypeVar("Totals")
+
+
+class Plan(NamedTuple):
+    """How a picture is drawn: what is compiled, besides the scene's structure."""
+
+    max_depth: int
+    sampler: str
+    unroll: bool
+    tile: tuple[int, int]  # width, height of a packet in pixels
+    devices: tuple[jax.Device, ...]
+
+    @property
+    def lanes(self) -> int:
+        """Pixels in a packet."""
+        return self.tile[0] * self.tile[1]
+
+
+class Run(NamedTuple):
+    """Which samples are drawn: traced, so that one compilation serves them all."""
+
+    seed: Array  # () uint32
+    first: Array  # () int32
+    end: Array  # () int32, one past the last
+    spp: Array  # () int32
+
+
+def sample_packet(plan: Plan, tables: Tables, run: Run, sample: Array, packet: Array, attached: bool = False) -> Array:
+    """Return the radiance (lanes, 3) of sample number `sample` of the packet's pixels, in row order of its tile.
+
+    attached: with the light samples that derivatives want, see `path.radiance`.
+    """
+    width, height = plan.tile
+    columns = -(-tables.camera.width // width)
+    lane = jnp.arange(width * height, dtype=jnp.int32)
+    x = packet % columns * width + lane % width
+    y = packet // columns * height + lane // width
+    return jax.vmap(partial(_sample, plan, tables, run, sample, attached))(x, y)
+
+
+def _sample(plan: Plan, tables: Tables, run: Run, sample: Array, attached: bool, x: Array, y: Array) -> Array:
+    """Return the radiance (3,) of one sample of pixel (x, y), column and row."""
+    dtype = tables.camera.position.dtype
+    pixel = y.astype(jnp.uint32) * jnp.uint32(tables.camera.width) + x.astype(jnp.uint32)
+    stream = Stream(pixel, sample.astype(jnp.uint32), run.seed, run.spp.astype(jnp.uint32))
+
+    def numbers(block: int | Array) -> tuple[Array, Array, Array, Array]:
+        a, b, c, d = SAMPLERS[plan.sampler](stream, block)
+        return a.astype(dtype), b.astype(dtype), c.astype(dtype), d.astype(dtype)
+
+    jitter = numbers(0)
+    ray = camera_ray(tables.camera, x.astype(dtype) + jitter[0], y.astype(dtype) + jitter[1])
+    return radiance(tables, ray, numbers, plan.max_depth, plan.unroll, attached)
+
+
+def draw_packets(f: Callable[[Operands, Array], Array], operands: Operands, size: tuple[int, int], plan: Plan) -> Array:
+    """Return the picture (height, width, 3) that the packets f(operands, packet) of shape (lanes, 3) make up."""
+
+    def on_device(operands: Operands, packets: Array) -> Array:
+        return map_packets(f, operands, packets[0], _native(plan))[None]
+
+    return _picture(_on_devices(on_device, operands, size, plan), size, plan)
+
+
+def sum_packets(f: Callable[[Operands, Array], list[Array]], operands: Operands, size: tuple[int, int], plan: Plan) -> list[Array]:
+    """Return the compensated sum of f(operands, packet) over all packets of a picture."""
+
+    def on_device(operands: Operands, packets: Array) -> list[Array]:
+        # Surplus packets have no pixels in the picture, and their cotangents are 0
+        shapes = jax.eval_shape(f, operands, packets[0, 0])
+        nothing = [jnp.zeros(shape.shape, shape.dtype) for shape in shapes]
+        totals = fold_packets(_add_packet(f), operands, [nothing, nothing], packets[0], _native(plan))[0]
+        return [total[None] for total in totals]
+
+    return [jnp.sum(total, axis=0) for total in _on_devices(on_device, operands, size, plan)]
+
+
+def kahan_add_all(sums: list[list[Array]], values: list[Array]) -> list[list[Array]]:
+    """Return [totals, compensations] after adding to each total its value."""
+    pairs = [kahan_add(*each) for each in zip(*sums, values, strict=True)]
+    return [[pair[0] for pair in pairs], [pair[1] for pair in pairs]]
+
+
+def packets_of(picture: Array, plan: Plan) -> Array:
+    """Return the packets (n, lanes, 3) of a picture (height, width, 3); what hangs over its edges is 0."""
+    columns, rows, share = _layout((picture.shape[1], picture.shape[0]), plan)
+    width, height = plan.tile
+    picture = jnp.pad(picture, ((0, rows * height - picture.shape[0]), (0, columns * width - picture.shape[1]), (0, 0)))
+    packets = picture.reshape(rows, height, columns, width, 3).swapaxes(1, 2).reshape(rows * columns, height * width, 3)
+    return jnp.pad(packets, ((0, share * len(plan.devices) - rows * columns), (0, 0), (0, 0)))
+
+
+def _add_packet(f: Callable[[Operands, Array], list[Array]]) -> Callable[..., list[list[Array]]]:
+    return lambda operands, packet, sums: kahan_add_all(sums, f(operands, packet))
+
+
+def _native(plan: Plan) -> bool:
+    return plan.lanes <= NATIVE_LANES
+
+
+def _layout(size: tuple[int, int], plan: Plan) -> tuple[int, int, int]:
+    """Return columns and rows of tiles, and the number of packets of each device."""
+    columns, rows = -(-size[0] // plan.tile[0]), -(-size[1] // plan.tile[1])
+    return columns, rows, -(-columns * rows // len(plan.devices))
+
+
+def _on_devices(f: Callable[[Operands, Array], Totals], operands: Operands, size: tuple[int, int], plan: Plan) -> Totals:
+    """Return f(operands, packets (1, share)) of each device, whose results have a leading axis of 1, side by side."""
+    n = len(plan.devices)
+    share = _layout(size, plan)[2]
+    # Deal packets like cards: neighbours cost alike, so every device gets its share of the dear ones
+    packets = jnp.arange(share * n, dtype=jnp.int32).reshape(share, n).T
+    if n == 1:
+        return f(operands, packets)
+    mesh = Mesh(plan.devices, ("packets",))
+    spread, everywhere = PartitionSpec("packets"), PartitionSpec()
+    # Unchecked: the check wants every loop's start value marked as differing between devices
+    return jax.shard_map(f, mesh=mesh, in_specs=(everywhere, spread), out_specs=spread, check_vma=False)(operands, packets)
+
+
+def _picture(packets: Array, size: tuple[int, int], plan: Plan) -> Array:
+    """Return the picture from packets (device, turn, lane, 3)."""
+    columns, rows, _ = _layout(size, plan)
+    width, height = plan.tile
+    packets = jnp.swapaxes(packets, 0, 1).reshape(-1, height, width, 3)[: columns * rows]
+    picture = packets.reshape(rows, columns, height, width, 3).swapaxes(1, 2)
+    return picture.reshape(rows * height, columns * width, 3)[: size[1], : size[0]]

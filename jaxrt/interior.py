@@ -1,0 +1,104 @@
+"""The sum of a picture's samples, with its derivative inside of visibility edges.
+
+The derivative of each packet is taken inside the packet loop, forwards (a tangent kernel) or backwards (a cotangent
+kernel), so that memory depends neither on the samples nor on the size of the picture. `linear` tells JAX that one is
+the transpose of the other.
+"""
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+from jax.custom_derivatives import SymbolicZero
+
+from jaxrt.film import Plan, Run, draw_packets, kahan_add_all, packets_of, sample_packet, sum_packets
+from jaxrt.linear import Leaves, Pair, apply_linear
+from jaxrt.maths import kahan_add
+from jaxrt.path import Tables
+
+# Parameters that light paths and light samples do not depend on: they keep the picture's own light samples
+_STILL = {"albedo", "intensity", "environment"}
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(3,))
+def draw(tables: Tables, run: Run, gradient_run: Run, plan: Plan) -> Array:
+    """Return the sum (height, width, 3) of the samples of `run`; its derivatives are drawn with those of `gradient_run`.
+
+    Derivatives hold the pixel's position, each light sample's place on its light and all discrete choices fixed; what
+    moving visibility edges add is not in them.
+    """
+    return draw_packets(partial(_packet_sum, plan), (tables, run), _size(tables), plan)
+
+
+@partial(draw.defjvp, symbolic_zeros=True)
+def _draw_jvp(plan: Plan, primals: tuple[Tables, Run, Run], tangents: tuple[Any, Any, Any]) -> tuple[Array, Array]:
+    tables, run, gradient_run = primals
+    changes = jax.tree.leaves_with_path(tangents[0], is_leaf=lambda x: isinstance(x, SymbolicZero))
+    moved = [i for i, (_, change) in enumerate(changes) if not isinstance(change, SymbolicZero)]
+    attached = any(changes[i][0][-1].name not in _STILL for i in moved)
+    constants, structure = jax.tree.flatten((tables, gradient_run))
+    pair = _pair(plan, structure, _size(tables), tuple(moved), attached)
+    total = draw(tables, run, gradient_run, plan)
+    share = (run.end - run.first) / (gradient_run.end - gradient_run.first)
+    return total, apply_linear(pair, constants, [changes[i][1] for i in moved])[0] * share.astype(total.dtype)
+
+
+def _pair(plan: Plan, structure: Any, size: tuple[int, int], moved: tuple[int, ...], attached: bool) -> Pair:
+    """Return the derivative of the sum in the leaves numbered `moved`, forwards and backwards."""
+
+    def lanes(constants: Leaves, sample: Array, packet: Array, values: Leaves) -> Array:
+        """Return the packet's radiance, with new values of the moved leaves."""
+        leaves = list(constants)
+        for i, value in zip(moved, values, strict=True):
+            leaves[i] = value
+        tables, run = jax.tree.unflatten(structure, leaves)
+        return sample_packet(plan, tables, run, sample, packet, attached)
+
+    def tangent(operands: tuple[Leaves, Leaves], packet: Array) -> Array:
+        constants, changes = operands
+        values = [constants[i] for i in moved]
+        run: Run = jax.tree.unflatten(structure, constants)[1]
+
+        def add_sample(sample: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
+            one = partial(lanes, constants, sample, packet)
+            return kahan_add(*sums, jax.jvp(lambda *values: one(values), values, changes)[1])
+
+        nothing = jnp.zeros((plan.lanes, 3), values[0].dtype)
+        return lax.fori_loop(run.first, run.end, add_sample, (nothing, nothing))[0]
+
+    def cotangent(operands: tuple[Leaves, Array], packet: Array) -> Leaves:
+        constants, weights = operands
+        values = [constants[i] for i in moved]
+        run: Run = jax.tree.unflatten(structure, constants)[1]
+
+        def add_sample(sample: Array, sums: list[Leaves]) -> list[Leaves]:
+            _, pull = jax.vjp(partial(lanes, constants, sample, packet), values)
+            return kahan_add_all(sums, pull(weights[packet])[0])
+
+        nothing = [jnp.zeros_like(value) for value in values]
+        return lax.fori_loop(run.first, run.end, add_sample, [nothing, nothing])[0]
+
+    def forward(constants: Leaves, changes: Leaves) -> Leaves:
+        return [draw_packets(tangent, (constants, changes), size, plan)]
+
+    def transpose(constants: Leaves, picture: Leaves) -> Leaves:
+        return sum_packets(cotangent, (constants, packets_of(picture[0], plan)), size, plan)
+
+    return Pair(forward, transpose)
+
+
+def _packet_sum(plan: Plan, operands: tuple[Tables, Run], packet: Array) -> Array:
+    """Return the sums (lanes, 3) of the packet's samples."""
+    tables, run = operands
+
+    def add_sample(sample: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
+        return kahan_add(*sums, sample_packet(plan, tables, run, sample, packet))
+
+    nothing = jnp.zeros((plan.lanes, 3), tables.camera.position.dtype)
+    return lax.fori_loop(run.first, run.end, add_sample, (nothing, nothing))[0]
+
+
+def _size(tables: Tables) -> tuple[int, int]:
+    return tables.camera.width, tables.camera.height

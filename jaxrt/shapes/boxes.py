@@ -1,0 +1,57 @@
+"""The boxes of a mesh's tree around its vertices of the moment, and all that a walk reads, in three arrays."""
+
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxrt.maths import FAR, unit_roundoff
+from jaxrt.pytree import pytree, static
+from jaxrt.shapes.bvh import Topology
+
+
+@pytree
+class Tree:
+    """A tree with its boxes, flat, as the walk reads it."""
+
+    numbers: Array  # (n·48 + m·72,) boxes: least, then largest x, y, z of eight children, padded; then the corners:
+    # x, y, z of the first, second, third corners of a leaf's eight faces
+    links: Array  # (n·8 + m·8,) int32 children of the nodes; then the faces of the leaves, −1 where there are fewer
+    reach: Array  # () largest side of the root box
+    pad: Array  # () what a face's box is padded by at most
+    nodes: int = static()
+    depth: int = static()
+
+
+def tree_of(topology: Topology, corners: Array) -> Tree:
+    """Return the tree around corners (f, 3, 3) where they are now. Runs once a render, in vector operations."""
+    slots = topology.faces
+    own = corners[jnp.where(slots < 0, slots[:, :1], slots)]  # leaf, slot, corner, coordinate
+    # A place without face has a point for a face: never hit
+    own = jnp.where((slots < 0)[..., None, None], own[:, :, :1], own)
+    low, high = own.min((1, 2)), own.max((1, 2))
+    pad = 32 * unit_roundoff(corners) * jnp.maximum(jnp.abs(low), jnp.abs(high)).max(1, keepdims=True)
+    low, high = low - pad, high + pad
+    first, last = topology.first, topology.last
+    lows = _least_of_ranges(low, first, last)
+    highs = -_least_of_ranges(-high, first, last)
+    none = (first == last)[..., None]
+    boxes = jnp.concatenate([jnp.where(none, FAR, lows), jnp.where(none, -FAR, highs)], -1)
+    return Tree(
+        numbers=jnp.concatenate([boxes.swapaxes(1, 2).ravel(), own.transpose(0, 3, 2, 1).ravel()]),
+        links=jnp.concatenate([topology.children.ravel(), slots.ravel()]),
+        reach=jnp.max(high.max(0) - low.min(0)),
+        pad=pad.max(),
+        nodes=topology.children.shape[0],
+        depth=topology.depth,
+    )
+
+
+def _least_of_ranges(rows: Array, first: Array, last: Array) -> Array:
+    """Return the least (n, 8, 3) over ranges of rows (m, 3): of two overlapping ranges of 2ᵏ rows each."""
+    tables, count = [rows], rows.shape[0]
+    while 2 ** len(tables) <= count:
+        step = 2 ** (len(tables) - 1)
+        shifted = jnp.concatenate([tables[-1][step:], jnp.broadcast_to(rows[-1:], (step, 3))])
+        tables.append(jnp.minimum(tables[-1], shifted))
+    table = jnp.concatenate(tables)
+    k = 31 - lax.clz(jnp.maximum(last - first, 1))
+    return jnp.minimum(table[k * count + first], table[k * count + jnp.maximum(last - (1 << k), 0)])

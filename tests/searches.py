@@ -1,0 +1,114 @@
+"""The searches of a mesh, through its tree and face by face, of one shape for all meshes: compiled once."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxrt.native import map_packets
+from jaxrt.records import Ray
+from jaxrt.shapes import Topology, topology_of
+from jaxrt.shapes.triangle import Triangles, find_triangle, occluded_by_triangle, triangle_table
+from tests.oracle import unit_vectors
+
+NODES, LEAVES, DEPTH = 512, 1300, 20
+PACKET = 64
+
+
+def padded(vertices, faces):
+    """Return triangles whose arrays have the same shapes for each mesh of at most 1300 faces."""
+    tree = topology_of(vertices, faces, least=1)
+    n, m, v = len(tree.children), len(tree.faces), len(vertices)
+    assert n <= NODES and m <= LEAVES and tree.depth <= DEPTH and v <= 3 * LEAVES
+    nodes, leaves = ((0, NODES - n), (0, 0)), ((0, LEAVES - m), (0, 0))
+    same = Topology(
+        *(jnp.pad(x, nodes) for x in (tree.children, tree.first, tree.last)),
+        faces=jnp.pad(tree.faces, leaves),
+        depth=DEPTH,
+    )
+    vertices = jnp.asarray(np.pad(vertices, ((0, 3 * LEAVES - v), (0, 0))), jnp.float32)
+    faces = jnp.asarray(np.pad(faces, ((0, LEAVES - len(faces)), (0, 0))), jnp.int32)
+    return Triangles(vertices, faces, faces[:, 0] * 0, same)
+
+
+@jax.jit
+def _search(triangles, rays):
+    def packet(operands, k):
+        table, rays = operands
+        rows = [lax.dynamic_slice_in_dim(x, k * PACKET, PACKET) for x in rays]
+
+        def one(o, d, farthest):
+            ray = Ray(o, d)
+            return *find_triangle(table, ray, farthest), occluded_by_triangle(table, ray, farthest)
+
+        return jax.vmap(one)(*rows)
+
+    packets = jnp.arange(rays[2].shape[0] // PACKET, dtype=jnp.int32)
+    found = map_packets(packet, (triangle_table(triangles), rays), packets)
+    return [x.reshape(-1) for x in found]
+
+
+def search(triangles, o, d, farthest):
+    """Return (distance, face, whether anything is hit) of rays (n, 3), n a multiple of 64."""
+    return [np.asarray(x) for x in _search(triangles, [jnp.asarray(x, jnp.float32) for x in (o, d, farthest)])]
+
+
+def rays_at(rng, vertices, faces, n):
+    """Return (origins, directions) of n rays of all kinds around and on a mesh, float32 unit vectors.
+
+    A quarter each: random; along the 26 directions with ±0 components, from vertices, edges and faces; grazing, in
+    the planes of faces; narrow bundles of 64, as packets meet them.
+    """
+    q = n // 4
+    low, high = vertices.min(0), vertices.max(0)
+    size = max((high - low).max(), 1e-3)
+    corners = vertices[faces]
+
+    def on_faces(n, sparse):
+        weights = rng.dirichlet([1, 1, 1], n)
+        if sparse:  # also on edges and vertices
+            weights = np.where(rng.uniform(size=(n, 3)) < 0.4, 1e-300, weights + 1e-9)
+            weights /= weights.sum(1, keepdims=True)
+        face = rng.integers(0, len(faces), n)
+        return (corners[face] * weights[:, :, None]).sum(1), face
+
+    target, _ = on_faces(q, True)
+    o = [target - size * rng.uniform(0.1, 2, (q, 1)) * unit_vectors(rng, q)]
+    d = [target - o[0] + 0.05 * size * rng.normal(size=(q, 3)) * (rng.uniform(size=(q, 1)) < 0.5)]
+    grid = np.array([x for x in np.ndindex(3, 3, 3) if x != (1, 1, 1)], float) - 1
+    grid = np.where(grid == 0, np.where(rng.uniform(size=grid.shape) < 0.5, -0.0, 0.0), grid)
+    d.append(grid[rng.integers(0, 26, q)])
+    o.append(on_faces(q, True)[0] - d[1] * size * rng.choice([0, 0, 0.5, 1], (q, 1)))
+    target, face = on_faces(q, False)
+    normal = np.cross(corners[face, 1] - corners[face, 0], corners[face, 2] - corners[face, 0])
+    d.append(np.cross(normal, unit_vectors(rng, q)) + 1e-4 * normal * rng.choice([-1, 0, 1], (q, 1)))
+    d[2] = np.where(np.linalg.norm(d[2], axis=1, keepdims=True) > 0, d[2], [[1.0, 0, 0]])
+    o.append(target - size * d[2] / np.linalg.norm(d[2], axis=1, keepdims=True))
+    eye = np.repeat((low + high) / 2 + 1.5 * size * unit_vectors(rng, -(-q // 64)), 64, 0)[:q]
+    target = np.repeat(on_faces(-(-q // 64), False)[0], 64, 0)[:q] + 0.05 * size * rng.uniform(-1, 1, (q, 3))
+    o.append(eye)
+    d.append(target - eye)
+    o, d = np.concatenate(o), np.concatenate(d)
+    d = np.where(np.abs(d).max(1, keepdims=True) > 0, d, [[0, 0, 1.0]])
+    return o.astype(np.float32), (d / np.linalg.norm(d, axis=1, keepdims=True)).astype(np.float32)
+
+
+def in_doubt(o, d, corners):
+    """Return whether a ray passes an edge of a face closer than float32 can tell: 16u of the edge function's terms.
+
+    Four times the bound of the hit test, in long double. corners: (n, 3, 3).
+    """
+    o, d, v = (np.asarray(x, np.longdouble) for x in (o, d, corners))
+    axis = np.argmax(np.abs(d), 1)[:, None]
+    p = v - o[:, None]
+    x, y, z = (
+        np.take_along_axis(p, np.broadcast_to((axis[:, :, None] + k) % 3, (*p.shape[:2], 1)), 2)[..., 0]
+        for k in (1, 2, 3)
+    )
+    dx, dy, dz = (np.take_along_axis(d, (axis + k) % 3, 1) for k in (1, 2, 3))
+    x, y = x - dx / dz * z, y - dy / dz * z
+    e = np.stack([x[:, a] * y[:, b] - y[:, a] * x[:, b] for a, b in ((2, 1), (0, 2), (1, 0))])
+    # A grazing ray: the corners' own rounding is as large as their distance from the ray
+    rounding = 4 * 2.0**-24 * np.abs(p).max((1, 2))
+    wide, high = np.abs(x).max(1) + rounding, np.abs(y).max(1) + rounding
+    return (np.abs(e) <= 16 * 2.0**-24 * wide * high + rounding * (wide + high)).any(0)

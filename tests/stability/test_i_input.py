@@ -1,0 +1,258 @@
+"""Bad and unusual mesh files: read rightly, or refused in one line with file, place and remedy (I1 to I7, T6)."""
+
+import numpy as np
+import pytest
+import trimesh
+
+import jaxrt
+from jaxrt.io.polygons import clip_ears
+
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+DART = [[0, 0, 0], [2, 0, 0], [2, 2, 0], [1, 0.3, 0], [0, 2, 0]]  # concave: area 2.3, that of its fan 3.7
+DART_AREA = 2.3
+
+
+@pytest.fixture
+def load(tmp_path):
+    """Return a function that writes a file and loads it."""
+
+    def write_and_load(content, name="mesh.obj"):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return jaxrt.load_mesh(path)
+
+    return write_and_load
+
+
+@pytest.fixture
+def refusal(load, tmp_path):
+    """Return a function that loads a bad file and returns what is said of it."""
+
+    def refused(content, name="mesh.obj"):
+        with pytest.raises(jaxrt.SceneError) as caught:
+            load(content, name)
+        text = str(caught.value)
+        assert text.startswith(f"{tmp_path / name}: ") and "\n" not in text
+        return text.removeprefix(f"{tmp_path / name}: ")
+
+    return refused
+
+
+def area(mesh):
+    a, b, c = (mesh["vertices"][mesh["faces"][:, i]] for i in range(3))
+    return np.linalg.norm(np.cross(b - a, c - a), axis=-1).sum() / 2
+
+
+def dart(kind, start=0):
+    """Return the dart as a file, its polygon beginning at corner `start`."""
+    order = [(start + i) % 5 for i in range(5)]
+    rows = "".join("{} {} {}\n".format(*place) for place in DART)
+    if kind == "obj":
+        return "".join(f"v {row}\n" for row in rows.splitlines()) + f"f {' '.join(str(i + 1) for i in order)}\n"
+    polygon = f"5 {' '.join(map(str, order))}\n"
+    if kind == "off":
+        return f"OFF\n5 1 0\n{rows}{polygon}"
+    head = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\n"
+    return f"{head}element face 1\nproperty list uchar int vertex_indices\nend_header\n{rows}{polygon}"
+
+
+@pytest.mark.parametrize("kind", ["obj", "off", "ply"])
+@pytest.mark.parametrize("start", range(5))
+def test_i1a_concave_polygons_keep_their_area(load, kind, start):
+    """trimesh fans them: 3.7 instead of 2.3 from four of the five corners."""
+    mesh = load(dart(kind, start), f"dart.{kind}")
+    assert mesh["faces"].shape == (3, 3)
+    assert area(mesh) == pytest.approx(DART_AREA, rel=1e-6)
+
+
+def test_i1a_a_ply_of_mixed_polygons_is_cut_anew(load):
+    text = dart("ply").replace("element face 1", "element face 2") + "3 0 1 2\n"
+    mesh = load(text, "two.ply")
+    np.testing.assert_array_equal(mesh["faces"][-1], [0, 1, 2])
+    assert area(mesh) == pytest.approx(DART_AREA + 2, rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_i1a_random_star_polygons_are_filled(seed):
+    """Area by the shoelace formula; 30 corners of random radii, in a random plane, any winding."""
+    rng = np.random.default_rng(seed)
+    n = 30
+    angle = np.sort(rng.uniform(0, 2 * np.pi, n))
+    flat = np.stack([np.cos(angle), np.sin(angle)], -1) * rng.uniform(0.1, 1, (n, 1))
+    x, y = flat.T
+    truth = abs(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) / 2
+    frame = np.linalg.qr(rng.normal(size=(3, 3)))[0][:2]
+    corners = (flat[::-1] if seed % 2 else flat) @ frame + rng.normal(size=3)
+    triangles = clip_ears(corners)
+    assert triangles.shape == (n - 2, 3)
+    assert area({"vertices": corners, "faces": triangles}) == pytest.approx(truth, rel=1e-10)
+
+
+def test_i1a_a_polygon_that_crosses_itself_is_refused(refusal):
+    bow = "v 0 0 0\nv 3 1 0\nv 3 0 0\nv 0 2 0\n\nf 1 2 3 4\n"
+    assert refusal(bow) == "line 6: the polygon crosses itself: split it into triangles"
+    off = "OFF\n4 1 0\n0 0 0\n3 1 0\n3 0 0\n0 2 0\n4 0 1 2 3\n"
+    assert refusal(off, "bow.off") == "line 7: the polygon crosses itself: split it into triangles"
+    head = dart("ply").split("end_header")[0].replace("vertex 5", "vertex 4")
+    ply = head + "end_header\n0 0 0\n3 1 0\n3 0 0\n0 2 0\n4 0 1 2 3\n"
+    assert refusal(ply, "bow.ply") == "face 0: the polygon crosses itself: split it into triangles"
+
+
+def test_i1a_a_bent_quad_is_no_crossing(load):
+    """A saddle has no plane, but both its fans are right."""
+    mesh = load("v 0 0 0\nv 1 0 1\nv 1 1 0\nv 0 1 1\nf 1 2 3 4\n")
+    assert mesh["faces"].shape == (2, 3)
+
+
+def test_i1b_index_zero_is_refused(refusal):
+    assert refusal(SQUARE + "# a face\nf 0 1 2\n") == "line 6: vertex 0 does not exist: count from 1"
+
+
+def test_i1b_mixed_corners_in_one_face_are_read(load):
+    mesh = load(SQUARE + "vt 0 0\nvn 0 0 1\nf 1/1 2 3//1\nf 1/1/1 3 4\n")
+    np.testing.assert_array_equal(mesh["faces"], [[0, 1, 2], [0, 2, 3]])
+
+
+def test_i1c_negative_indices_count_from_their_own_line(load):
+    """trimesh takes the last vertices of the file for both faces."""
+    mesh = load("v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nv 5 0 0\nv 6 0 0\nv 5 1 0\nf -3 -2 -1\nf 1 -2 3\n")
+    np.testing.assert_array_equal(mesh["faces"], [[0, 1, 2], [3, 4, 5], [0, 4, 2]])
+
+
+def test_i1c_negative_indices_before_the_first_vertex_are_refused(refusal):
+    text = refusal("v 0 0 0\nv 1 0 0\nf -3 -2 -1\nv 0 1 0\n")
+    assert text == "line 3: vertex -3 does not exist: only 2 come before this line"
+
+
+@pytest.mark.parametrize("content", ["", "# nothing\n", SQUARE, "l 1 2\n"])
+def test_i2_no_faces(refusal, content):
+    assert refusal(content) == "no faces: save the mesh with its faces"
+
+
+def test_i2_faces_without_vertices_and_faces_of_two(refusal):
+    assert refusal("f 1 2 3\n") == "line 1: vertex 3 does not exist: the file has no vertices"
+    assert refusal(SQUARE + "f 1 2\n") == "line 5: a face of 2 vertices: name 3 or more"
+
+
+@pytest.mark.parametrize("kind", ["ply", "stl", "glb", "off"])
+@pytest.mark.parametrize("content", [b"", b"rubbish \xff\x00"])
+def test_i2_empty_and_broken_files_of_other_kinds(refusal, kind, content):
+    text = refusal(content, f"mesh.{kind}")
+    assert ": " in text and text.split(": ")[-1] in {
+        "save it again",
+        "save the mesh with its faces",
+        "check that this is an OFF file",
+    }
+
+
+@pytest.mark.parametrize("kind", ["ply", "stl", "glb", "off"])
+def test_i2_truncated_files(refusal, kind):
+    whole = trimesh.creation.box().export(file_type=kind)
+    whole = whole.encode() if isinstance(whole, str) else whole
+    assert refusal(whole[: len(whole) * 2 // 3], f"half.{kind}").endswith("save it again")
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1e999"])
+def test_i3_t6_vertices_that_are_no_numbers(refusal, value):
+    text = refusal(f"v 0 0 0\nv 1 0 0\nv 0 {value} 0\nf 1 2 3\n")
+    assert text.startswith("line 3: vertex 3: ") and text.endswith("is not finite: repair the mesh")
+    text = refusal(f"OFF\n3 1 0\n0 0 0\n1 0 0\n0 {value} 0\n3 0 1 2\n", "mesh.off")
+    assert text.startswith("line 5: ") and "finite" in text
+    ply = dart("ply").replace("1 0.3 0", f"1 {value} 0").replace("5 0 1 2 3 4", "3 0 1 2")
+    text = refusal(ply, "mesh.ply")
+    assert text.startswith("vertex 3: ") and text.endswith("is not finite: repair the mesh")
+
+
+def test_i3_t6_arrays_with_a_nan_are_refused():
+    vertices = np.eye(3)
+    vertices[1, 2] = np.nan
+    with pytest.raises(
+        jaxrt.SceneError, match=r"^scene: meshes\[0\]\.vertices\[1\]: .* is not finite: repair the mesh$"
+    ):
+        jaxrt.build(scene_of({"vertices": vertices, "faces": [[0, 1, 2]], "material": "white"}))
+
+
+def scene_of(mesh):
+    return {
+        "camera": {"position": [0, 0, 5], "width": 8, "height": 8},
+        "materials": {"white": {"type": "diffuse", "albedo": [0.8, 0.8, 0.8]}},
+        "meshes": [mesh],
+        "lights": [{"position": [0, 4, 5], "intensity": 9}],
+    }
+
+
+def test_i4_tiny_meshes_keep_their_vertices(load):
+    """The default processing of trimesh merges all vertices of a mesh of size 1e-9."""
+    ball = trimesh.creation.icosphere(1)
+    text = "".join(f"v {x * 1e-9!r} {y * 1e-9!r} {z * 1e-9!r}\n" for x, y, z in ball.vertices.tolist())
+    mesh = load(text + "".join(f"f {a} {b} {c}\n" for a, b, c in (ball.faces + 1).tolist()))
+    np.testing.assert_allclose(mesh["vertices"], np.asarray(ball.vertices) * 1e-9, rtol=1e-12)
+    scene = jaxrt.build(scene_of(mesh | {"material": "white", "scale": 1e9}))
+    assert scene.triangles.faces.shape == ball.faces.shape
+    assert jaxrt.build(scene_of(mesh | {"material": "white"})).triangles.faces.shape == ball.faces.shape
+
+
+def test_i5_coordinates_beyond_float32(refusal, load):
+    far = SQUARE.replace("1 1 0", "1 1e39 0") + "f 1 2 3\n"
+    assert refusal(far).startswith("line 3: vertex 3: ") and "too large for float32" in refusal(far)
+    mesh = load(SQUARE + "f 1 2 3\n")
+    with pytest.raises(jaxrt.SceneError, match=r"meshes\[0\]\.vertices\[1\]: .* too far out for float32: stay within"):
+        jaxrt.build(scene_of(mesh | {"material": "white", "scale": 1e20}))
+    with pytest.raises(jaxrt.SceneError, match=r"meshes\[0\]\.faces: no face has an area .*: scale it up"):
+        jaxrt.build(scene_of(mesh | {"material": "white", "scale": 1e-12}))
+
+
+def test_i6_indices_out_of_range(refusal):
+    assert refusal(SQUARE + "f 1 2 9\n") == "line 5: vertex 9 does not exist: use 1 to 4"
+    assert refusal("OFF\n3 1 0\n0 0 0\n1 0 0\n1 1 0\n3 0 1 7\n", "a.off").startswith("line 6: vertex 7 does not exist")
+    triangle = dart("ply").replace("5 0 1 2 3 4", "3 0 1 {}")
+    assert refusal(triangle.format(77), "a.ply") == "face 0: vertex 77 does not exist: use 0 to 4"
+    assert refusal(triangle.format(-2), "a.ply") == "face 0: vertex -2 does not exist: use 0 to 4"
+    assert "vertex 9 does not exist" in refusal(dart("ply").replace("5 0 1 2 3 4", "5 0 1 2 3 9"), "b.ply")
+
+
+def test_i6_tabs_indents_and_comments_are_read(load):
+    """trimesh skips the lines that begin with blanks or hold tabs, and refuses comments behind a face."""
+    mesh = load("  v 0 0 0 # corner\n\tv\t1 0 0\nv  0 1 0\n f\t1 2  3 # face\n")
+    np.testing.assert_array_equal(mesh["vertices"], [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    np.testing.assert_array_equal(mesh["faces"], [[0, 1, 2]])
+
+
+def test_i6_bad_tokens(refusal):
+    comma = refusal("v 0,5 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert comma == 'line 1: vertex 1: "0,5 0 0" is not a place: write decimals with a point'
+    assert refusal("v 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n") == 'line 1: vertex 1: "0 0" is not a place: write v x y z'
+    assert refusal(SQUARE + "f 1 b 3\n").startswith('line 5: "b" does not name a vertex: write its number')
+    assert refusal("OFF\n3 1 0\n0 0 0\n1 x 0\n1 1 0\n3 0 1 2\n", "a.off").startswith('line 4: "1 x 0" is not')
+
+
+def test_i7_what_loads_as_expected(load):
+    quad = load(SQUARE + "f 1 2 3 4\n")
+    assert quad["faces"].shape == (2, 3) and area(quad) == pytest.approx(1)
+    twice = load(SQUARE + "f 1 2 3\nf 1 2 3\n")
+    np.testing.assert_array_equal(twice["faces"], [[0, 1, 2]] * 2)
+    np.testing.assert_array_equal(load(SQUARE + "vn 0 0 1\nf 1//1 2//1 3//1\n")["faces"], [[0, 1, 2]])
+    colours = load("v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0 1 0 0\nf 1 2 3\n")
+    np.testing.assert_array_equal(colours["vertices"], [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    np.testing.assert_array_equal(load(SQUARE + "f 1 2 \\\n3\n")["faces"], [[0, 1, 2]])
+    np.testing.assert_array_equal(load(SQUARE + "o a\nf 1 2 3\no b\nf 1 3 4\n")["faces"], [[0, 1, 2], [0, 2, 3]])
+    np.testing.assert_array_equal(load((SQUARE + "f 1 2 3\n").replace("\n", "\r\n"))["faces"], [[0, 1, 2]])
+    weighted = load("v 0 0 0 1\nv 1 0 0 1\nv 0 1 0 1\nf 1 2 3\n")
+    assert weighted["vertices"].shape == (3, 3)
+
+
+def test_i7_line_numbers_count_continued_lines(refusal):
+    assert refusal("v 0 0 \\\n0\nv 1 0 0\nv 0 1 0\nf 1 2 \\\n\\\n3\nf 1 2 4\n").startswith("line 8: vertex 4")
+
+
+def test_missing_files_and_unknown_kinds(load, refusal, tmp_path):
+    load(SQUARE + "f 1 2 3\n", "blob.obj")
+    with pytest.raises(jaxrt.SceneError, match=r'blop\.obj: no such file \(did you mean ".*blob\.obj"\?\)'):
+        jaxrt.load_mesh(tmp_path / "blop.obj")
+    with pytest.raises(jaxrt.SceneError, match="is a folder: name a mesh file in it"):
+        (tmp_path / "folder.obj").mkdir()
+        jaxrt.load_mesh(tmp_path / "folder.obj")
+    assert (
+        refusal("", "mesh.fbx") == 'unknown kind of mesh file ".fbx" (known: .obj, .ply, .stl, .glb, .off): convert it'
+    )
+    assert refusal("", "mesh.objj").startswith('unknown kind of mesh file ".objj" (did you mean ".obj"?)')
