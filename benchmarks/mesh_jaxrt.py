@@ -2,10 +2,15 @@
 
 python -m benchmarks.mesh_jaxrt rays SUBDIVISIONS RAYS.npz    the mesh and its rays, for both halves
 python -m benchmarks.mesh_jaxrt time RAYS.npz                 Mrays per CPU second of each kind and search
+python -m benchmarks.mesh_jaxrt crossover                     tree over loop, for few faces
+python -m benchmarks.mesh_jaxrt large SUBDIVISIONS            build, draw, and the peak of memory
 """
 
 import argparse
 import json
+import os
+import resource
+import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -14,23 +19,23 @@ import numpy as np
 
 from benchmarks.alternatives import moller_trumbore
 from benchmarks.jaxrt_side import use_cores
-from benchmarks.mesh_rays import LIGHT, bumpy_sphere, camera_rays, incoherent_rays, unit
+from benchmarks.mesh_rays import LIGHT, bumpy_sphere, camera_rays, incoherent_rays, room, unit
 
 LANES = 128  # of a packet of `render`
 
 
-def geometry(vertices: np.ndarray, faces: np.ndarray) -> Any:
-    """Return the mesh as `render` reads it."""
+def geometry(vertices: np.ndarray, faces: np.ndarray, tree: Any) -> Any:
+    """Return the mesh as `render` reads it; tree: a topology, or None for a loop over all faces."""
     import jax
     import jax.numpy as jnp
 
-    from jaxrt.shapes import Triangles, geometry_of, topology_of
+    from jaxrt.shapes import Triangles, geometry_of
 
     triangles = Triangles(
         jnp.asarray(vertices, jnp.float32),
         jnp.asarray(faces, jnp.int32),
         jnp.zeros(len(faces), jnp.int32),
-        topology_of(vertices, faces),
+        tree,
     )
     return jax.jit(geometry_of)(None, triangles)
 
@@ -65,11 +70,15 @@ def write_rays(options: argparse.Namespace) -> dict[str, Any]:
     import jax.numpy as jnp
 
     from jaxrt.records import Hit, Ray
-    from jaxrt.shapes import leave, surface_point
+    from jaxrt.shapes import leave, surface_point, topology_of
 
     vertices, faces = bumpy_sphere(options.subdivisions)
     o, d = camera_rays(options.count)
-    table = geometry(vertices, faces)
+    start_of_build = time.process_time()
+    tree = topology_of(vertices, faces)
+    build = time.process_time() - start_of_build
+    assert tree is not None
+    table = geometry(vertices, faces, tree)
     hit = searcher(False)(table, o, d, np.ones(len(o), np.float32))
     index, valid = (np.asarray(x).ravel() for x in (hit.index, hit.valid))
 
@@ -87,34 +96,104 @@ def write_rays(options: argparse.Namespace) -> dict[str, Any]:
     io, id_ = incoherent_rays(len(o))
     rays = {"camera_o": o, "camera_d": d, "incoherent_o": io, "incoherent_d": id_}
     rays |= {"shadow_o": start, "shadow_d": unit(away), "shadow_reach": np.linalg.norm(away, axis=1).astype(np.float32)}
-    np.savez(options.file, vertices=vertices, faces=faces, **rays)
-    return {"rays": len(o)}
+    parts = {f"tree_{name}": np.asarray(getattr(tree, name)) for name in ("children", "first", "last", "faces")}
+    np.savez(options.file, vertices=vertices, faces=faces, tree_depth=tree.depth, **parts, **rays)
+    return {"rays": len(o), "build": build}
+
+
+def tree_in(file: Any) -> Any:
+    """Return the topology that `write_rays` has saved."""
+    import jax.numpy as jnp
+
+    from jaxrt.shapes import Topology
+
+    parts = [jnp.asarray(file[f"tree_{name}"]) for name in ("children", "first", "last", "faces")]
+    return Topology(*parts, depth=int(file["tree_depth"]))
 
 
 def run_time(options: argparse.Namespace) -> dict[str, Any]:
     """Return the median Mrays per CPU second of `repeat` calls, and the share that hits, of each kind and search."""
     import jax
 
-    from jaxrt.shapes import traverse
+    from jaxrt.shapes import packet, walk
 
     if options.test == "moller-trumbore":
-        traverse.hit_distance = moller_trumbore.hit_distance
+        packet.hit_distance = walk.hit_distance = moller_trumbore.hit_distance
     file = np.load(options.file)
-    table, report = geometry(file["vertices"], file["faces"]), {}
+    table, report = geometry(file["vertices"], file["faces"], tree_in(file)), {}
     searches = {any_hit: searcher(any_hit) for any_hit in (False, True)}
     for name, any_hit in (("camera", False), ("shadow", True), ("incoherent", False), ("incoherent any", True)):
         kind = name.split()[0]
         rays = [jax.device_put(file[f"{kind}_{part}"]) for part in "od"]
         reach = file["shadow_reach"] if kind == "shadow" else np.full(len(rays[0]), 1e30, np.float32)
-        search, seconds = searches[any_hit], []
-        found = jax.block_until_ready(search(table, *rays, reach))
-        for _ in range(options.repeat):
-            start = time.process_time()
-            jax.block_until_ready(search(table, *rays, reach))
-            seconds.append(time.process_time() - start)
+        found, seconds = clock(searches[any_hit], (table, *rays, reach), options.repeat)
         hits = np.asarray(found if any_hit else found.valid).mean()
-        report[name] = [len(rays[0]) / 1e6 / float(np.median(seconds)), float(hits)]
+        report[name] = [len(rays[0]) / 1e6 / seconds, float(hits)]
+    if options.picture:
+        report["picture"] = time_picture(file["vertices"], file["faces"], 3)
     return report
+
+
+def clock(f: Callable[..., Any], arguments: tuple[Any, ...], repeat: int) -> tuple[Any, float]:
+    """Return the result, and the median CPU seconds of calls after the first."""
+    import jax
+
+    seconds = []
+    for _ in range(repeat + 1):
+        start = time.process_time()
+        result = jax.block_until_ready(f(*arguments))
+        seconds.append(time.process_time() - start)
+    return result, float(np.median(seconds[1:]))
+
+
+def time_picture(vertices: np.ndarray, faces: np.ndarray, repeat: int) -> list[float]:
+    """Return [million camera paths per CPU second, mean radiance] of the mesh in a room."""
+    import jaxrt
+
+    scene = jaxrt.build(room(vertices, faces))
+    picture, seconds = clock(jaxrt.render, (scene, 0), repeat)
+    return [scene.camera.width * scene.camera.height * scene.defaults.spp / 1e6 / seconds, float(picture.mean())]
+
+
+def run_crossover(options: argparse.Namespace) -> dict[str, Any]:
+    """Return how many times as fast as the loop the tree is, for meshes of few faces."""
+    import jax
+
+    from jaxrt.shapes import topology_of
+
+    far = np.full(options.count, 1e30, np.float32)
+    rays = {"camera": camera_rays(options.count), "incoherent": incoherent_rays(options.count)}
+    report: dict[str, Any] = {}
+    for n in (12, 24, 48, 96, 192):
+        vertices, faces = bumpy_sphere(2)
+        # Every so many of the sphere's faces, so that it stays a sphere with holes
+        faces = faces[np.linspace(0, len(faces) - 1, n).astype(int)]
+        trees = [topology_of(vertices, faces, least=1), None]
+        tables = [geometry(vertices, faces, tree) for tree in trees]
+        for kind, (o, d) in rays.items():
+            search, ratios = searcher(False), []
+            operands = [jax.device_put(x) for x in (o, d, far)]
+            for _ in range(options.repeat):
+                tree, loop = (clock(search, (table, *operands), 1)[1] for table in tables)
+                ratios.append(loop / tree)
+            report[f"{n} {kind}"] = float(np.median(ratios))
+    return report
+
+
+def run_large(options: argparse.Namespace) -> dict[str, Any]:
+    """Return what a mesh of many faces takes: CPU seconds to build and to draw, and the peak of memory."""
+    import jaxrt
+    from jaxrt.shapes import topology_of
+
+    vertices, faces = bumpy_sphere(options.subdivisions)
+    start = time.process_time()
+    topology_of(vertices, faces)
+    build = time.process_time() - start
+    scene = jaxrt.build(room(vertices, faces))
+    picture, seconds = clock(jaxrt.render, (scene, 0), 1)
+    kilobyte = 1 if sys.platform == "darwin" else 1024
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * kilobyte
+    return {"faces": len(faces), "build": build, "draw": seconds, "mean": float(picture.mean()), "peak_bytes": peak}
 
 
 def main() -> None:
@@ -128,10 +207,27 @@ def main() -> None:
     timing = commands.add_parser("time")
     timing.add_argument("file")
     timing.add_argument("--repeat", type=int, default=7)
+    timing.add_argument("--picture", action="store_true", help="also a whole picture")
     timing.add_argument("--test", choices=["watertight", "moller-trumbore"], default="watertight")
+    crossover = commands.add_parser("crossover")
+    crossover.add_argument("--count", type=int, default=1 << 16)
+    crossover.add_argument("--repeat", type=int, default=5)
+    large = commands.add_parser("large")
+    large.add_argument("subdivisions", type=int)
     options = parser.parse_args()
     use_cores(1)
-    print(json.dumps({"rays": write_rays, "time": run_time}[options.command](options)))
+    keep_programs()
+    runs = {"rays": write_rays, "time": run_time, "crossover": run_crossover, "large": run_large}
+    print(json.dumps(runs[options.command](options)))
+
+
+def keep_programs() -> None:
+    """Compile in the first round only, where the caller names a folder for caches."""
+    import jax
+
+    if "XDG_CACHE_HOME" in os.environ:
+        jax.config.update("jax_compilation_cache_dir", os.environ["XDG_CACHE_HOME"] + "/jax")
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 
 
 if __name__ == "__main__":

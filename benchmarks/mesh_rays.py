@@ -1,4 +1,7 @@
-"""Meshes and rays for the comparison of searches: NumPy only, for both halves."""
+"""Meshes, rays and a room for the comparison of searches: NumPy only, for both halves."""
+
+import tomllib
+from pathlib import Path
 
 import numpy as np
 
@@ -25,6 +28,16 @@ def bumpy_sphere(subdivisions: int) -> tuple[np.ndarray, np.ndarray]:
         faces = np.concatenate([np.stack(f, 1) for f in ((x, a, c), (y, b, a), (z, c, b), (a, b, c))])
     waves = np.sin(6 * vertices[:, 0]) * np.sin(7 * vertices[:, 1]) * np.sin(5 * vertices[:, 2])
     return vertices * (1 + 0.15 * waves[:, None]), faces
+
+
+def room(vertices: np.ndarray, faces: np.ndarray) -> dict:
+    """Return the description of a room of six huge spheres with the mesh in it, white, under a sphere light."""
+    seed = Path(__file__).parent.parent / "scenes" / "seed" / "mesh_in_room.toml"
+    description = tomllib.loads(seed.read_text(encoding="utf-8"))
+    description["camera"] |= {"width": 256, "height": 256}
+    description["render"] |= {"spp": 16, "max_depth": 4}
+    mesh = {"vertices": 10 * vertices, "faces": faces, "material": "white"}
+    return description | {"meshes": [mesh]}
 
 
 def camera_rays(count: int) -> tuple[np.ndarray, np.ndarray]:

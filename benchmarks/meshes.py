@@ -1,6 +1,6 @@
 """Searches of a mesh beside Embree's, through Mitsuba: rays per CPU second of one core.
 
-    python -m benchmarks.meshes [--subdivisions 3 5 6] [--peer-python PATH] [--chart docs/meshes.png]
+    python -m benchmarks.meshes [--subdivisions 3 5 6] [--large 8] [--peer-python PATH] [--report docs/meshes]
 
 Both halves get the same rays, in 128-lane packets as `render` makes them on our side; processes alternate, ratios are
 formed within a round. Kernel, on our side: the one `find` and `occluded` choose, packets of 32 lanes walked together
@@ -8,9 +8,13 @@ where their rays stay together, one ray at a time elsewhere. On Embree's: the be
 """
 
 import argparse
+import math
+import platform
 import statistics
 import sys
 import tempfile
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -29,30 +33,41 @@ TESTS = ("watertight", "moller-trumbore")
 Rates = dict[str, dict[str, list[float]]]  # contender -> kind -> Mrays per CPU second of each round
 
 
-def measure(subdivisions: int, peer: str | None, rounds: int, tests: list[str], console: Console) -> Rates:
-    """Return the rates of all contenders at one size."""
-    module = [sys.executable, "-m", "benchmarks.mesh_jaxrt"]
+MODULE = [sys.executable, "-m", "benchmarks.mesh_jaxrt"]
+
+
+def measure(
+    subdivisions: int, peer: str | None, rounds: int, tests: list[str], picture: bool, console: Console
+) -> tuple[Rates, float]:
+    """Return the rates of all contenders at one size, and the CPU seconds of building the tree."""
     with tempfile.TemporaryDirectory() as folder:
         file = f"{folder}/rays.npz"
-        run_child([*module, "rays", str(subdivisions), file], folder)
-        commands = {test: [*module, "time", file, "--test", test] for test in tests}
+        build = report_of(run_child([*MODULE, "rays", str(subdivisions), file], folder))["build"]
+        also = ["--picture"] if picture else []
+        commands = {test: [*MODULE, "time", file, "--test", test, *also] for test in tests}
         if peer:
-            commands["Embree"] = [peer, str(HERE / "mesh_mitsuba.py"), file]
-        rates: Rates = {name: {kind: [] for kind in KINDS} for name in commands}
+            commands["Embree"] = [peer, str(HERE / "mesh_mitsuba.py"), file, *also]
+        kinds = [*KINDS, "picture"] if picture else list(KINDS)
+        rates: Rates = {name: {kind: [] for kind in kinds} for name in commands}
         for i in range(rounds):
             for name in list(commands) if i % 2 == 0 else list(commands)[::-1]:
                 console.print(f"{20 * 4**subdivisions} faces, round {i + 1} of {rounds}: {name}", style="dim")
                 report = report_of(run_child(commands[name], folder))
-                for kind in KINDS:
+                for kind in kinds:
                     rates[name][kind].append(report[kind][0])
-    return rates
+    return rates, build
 
 
 def rows_of(faces: int, rates: Rates) -> list[list[str]]:
     """Return the table's rows of one size."""
     rows = []
-    for kind, kernel in KINDS.items():
-        row = [f"{faces:,}", kind, kernel, *(f"{statistics.median(r[kind]):.2f}" for r in rates.values())]
+    for kind in next(iter(rates.values())):
+        row = [
+            f"{faces:,}",
+            kind,
+            KINDS.get(kind, "both"),
+            *(f"{statistics.median(r[kind]):.2f}" for r in rates.values()),
+        ]
         if "Embree" in rates:
             row += [ratio_text(rates[name][kind], rates["Embree"][kind]) for name in rates if name != "Embree"]
         rows.append(row)
@@ -73,9 +88,62 @@ def draw_chart(path: str, results: dict[int, Rates]) -> None:
             if points:
                 label = f"{'jaxrt' if contender == 'watertight' else contender}, {kind}"
                 axes.plot(*zip(*points, strict=True), dashes, marker="o", color=f"C{colour}", label=label)
-    axes.set(xscale="log", xlabel="faces", ylabel="ns per ray", ylim=(0, None), title="A ray costs like log n")
+    axes.set(xscale="log", xlabel="faces", ylabel="CPU ns a ray", ylim=(0, None))
     axes.legend(fontsize="small")
     figure.savefig(path, dpi=120)
+
+
+def markdown(header: list[str], rows: list[list[str]]) -> str:
+    """Return a table in Markdown."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+
+def cost_rows(results: dict[int, Rates]) -> list[list[str]]:
+    """Return rows of the time of a ray, and of that time over log₂ of the number of faces."""
+    rows = []
+    for n, rates in results.items():
+        cost = [1e3 / statistics.median(rates["watertight"][kind]) for kind in KINDS]
+        rows.append([f"{n:,}", *(f"{c:.0f} ({c / math.log2(n):.1f})" for c in cost)])
+    return rows
+
+
+def large_text(report: dict[str, Any]) -> str:
+    """Return what a large mesh took, in a sentence."""
+    return (
+        f"A mesh of {report['faces']:,} faces in a room, 256×256, 16 spp, max_depth 4: tree built in "
+        f"{report['build']:.1f} CPU s, picture drawn in {report['draw']:.1f} CPU s, "
+        f"peak memory {report['peak_bytes'] / 2**30:.2f} GiB (limit of the design: 4 GiB)."
+    )
+
+
+def write_report(path: str, about: str, header: list[str], results: dict[int, Rates], extra: list[str]) -> None:
+    """Write path.md, with the chart path.png."""
+    rows = [row for n, rates in results.items() for row in rows_of(n, rates)]
+    draw_chart(f"{path}.png", results)
+    parts = [
+        "# Searches of a mesh, measured\n",
+        f"{about} Written by `python -m benchmarks.meshes --report`.\n",
+        INTRODUCTION,
+        markdown(header, rows),
+        "## Cost of a ray\n",
+        "CPU ns a ray, and in brackets the same over log₂ of the number of faces. Larger meshes miss the caches more "
+        "often, which no count of steps shows.\n",
+        markdown(["faces", *KINDS], cost_rows(results)),
+        f"![Time of a ray over the number of faces]({Path(path).name}.png)\n",
+        *extra,
+    ]
+    Path(f"{path}.md").write_text("\n".join(parts), encoding="utf-8")
+
+
+INTRODUCTION = """Mrays per CPU second of one core (of whole pictures: million camera paths), medians; ratios are \
+formed within rounds, with their range. Both sides get the same rays: a camera's in 8×8 tiles, those from its hits to
+a point light, and uniformly random ones. *Packet of 32*: lanes of a packet that stay together walk through the tree
+together; *single*: each alone. `find` and `occluded` choose by themselves. Embree runs through Mitsuba, at the better of
+its settings (coherent or not). *Moller-trumbore* is the same walk with a test that leaks through edges: what
+watertightness costs. A whole picture is the mesh in a room of six spheres under a sphere light, 256×256, 16 spp,
+max_depth 4, beside Mitsuba's `path`.
+"""
 
 
 def arguments() -> argparse.Namespace:
@@ -84,7 +152,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--subdivisions", type=int, nargs="+", default=[3, 5, 6], help="of the mesh: 20·4ᵏ faces")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--tests", nargs="+", choices=TESTS, default=list(TESTS), help="of a ray and a face")
-    parser.add_argument("--chart", help="picture file of the time of a ray over the number of faces")
+    parser.add_argument("--picture", type=int, default=5, help="subdivisions of the mesh of whole pictures")
+    parser.add_argument("--large", type=int, help="subdivisions of a mesh to build and draw once")
+    parser.add_argument("--report", help="path of a Markdown file and a chart, without suffix")
     parser.add_argument("--peer-python", help="python of Mitsuba; default: $JAXRT_MITSUBA_PYTHON")
     return parser.parse_args()
 
@@ -94,18 +164,36 @@ def main() -> None:
     options, console = arguments(), wide_console()
     peer, message = find_peer(options.peer_python)
     console.print(f"{cpu_model()}\n{message}")
-    results: dict[int, Any] = {}
+    results: dict[int, Rates] = {}
+    builds: list[list[str]] = []
     for k in options.subdivisions:
-        results[20 * 4**k] = measure(k, peer, options.rounds, options.tests, console)
+        n = 20 * 4**k
+        results[n], seconds = measure(k, peer, options.rounds, options.tests, k == options.picture, console)
+        builds.append([f"{n:,}", f"{seconds:.2f}", f"{1e6 * seconds / n:.0f}"])
     names = list(next(iter(results.values())))
     ratios = [f"{name} / Embree" for name in names if name != "Embree" and peer]
-    table = Table("faces", "rays", "kernel", *names, *ratios, title="Mrays per CPU second, medians (ratios: range)")
+    header = ["faces", "rays", "kernel", *names, *ratios]
+    table = Table(*header, title="Mrays per CPU second, medians (ratios: range)")
     for faces, rates in results.items():
         for row in rows_of(faces, rates):
             table.add_row(*row)
     console.print(table)
-    if options.chart:
-        draw_chart(options.chart, results)
+    extra = ["## Building\n", markdown(["faces", "CPU s", "µs a face"], builds)]
+    with tempfile.TemporaryDirectory() as folder:
+        if options.large is not None:
+            extra.append(large_text(report_of(run_child([*MODULE, "large", str(options.large)], folder))) + "\n")
+        crossover = report_of(run_child([*MODULE, "crossover"], folder))
+    rows = [[*name.split(), f"{ratio:.2f}"] for name, ratio in crossover.items()]
+    extra += ["## Few faces\n", markdown(["faces", "rays", "tree, times as fast as the loop"], rows)]
+    console.print("\n".join(extra))
+    if options.report:
+        about = f"{cpu_model()}; {versions()}; {message}; medians of {options.rounds} rounds."
+        write_report(options.report, about, header, results, extra)
+
+
+def versions() -> str:
+    """Return the versions of Python and JAX."""
+    return f"Python {platform.python_version()}, jax {version('jax')}"
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from jaxrt.description import SceneError, SceneWarning
 from jaxrt.gradcheck import gradcheck
 from jaxrt.io import load_image, load_mesh, load_scene, save_image
+from jaxrt.jacobian import jacobian_once
 from jaxrt.parameters import parameters, with_parameters
 from jaxrt.render import render, use_cpu_cores
 from jaxrt.scene import Scene, build
@@ -13,6 +14,7 @@ __all__ = [
     "SceneWarning",
     "build",
     "gradcheck",
+    "jacobian_once",
     "load_image",
     "load_mesh",
     "load_scene",

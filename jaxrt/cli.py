@@ -1,4 +1,4 @@
-"""The command line: `jaxrt render`, `jaxrt info`, `jaxrt diff`, `jaxrt gradcheck`."""
+"""The command line: `jaxrt render`, `jaxrt info`, `jaxrt diff`, `jaxrt gradcheck`, `jaxrt fit`."""
 
 import argparse
 import gc
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from jaxrt.checks import check_memory
 from jaxrt.description import SceneDescription, SceneError, SceneWarning, nearest, show
+from jaxrt.fit.command import add_arguments, run_fit
 from jaxrt.gradcheck import gradcheck, heatmap
 from jaxrt.io.image import check_suffix, load_image, save_image
 from jaxrt.io.scene_file import read_description
@@ -55,8 +56,8 @@ class _Parser(argparse.ArgumentParser):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status.
 
-    0: done. 1: a gradient differs from finite differences, or noise leaves it open. 2: bad scene or arguments, told in
-    one line on stderr. 130: interrupted. Only 0 and 1 write a file.
+    0: done. 1: a gradient differs from finite differences, or noise leaves it open; a fit is stalled or ambiguous.
+    2: bad scene or arguments, told in one line on stderr. 130: interrupted. Only 0, 1 and interrupted fits write files.
     """
     try:
         args = _parser().parse_args(argv)
@@ -88,6 +89,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_gradcheck(
         commands.add_parser("gradcheck", help="compare a gradient with finite differences", allow_abbrev=False)
     )
+    fit = commands.add_parser("fit", help="recover parameters from a picture", allow_abbrev=False)
+    add_arguments(fit, _integer(1, COUNT_MAX), _integer(0, SEED_MAX))
+    fit.set_defaults(run=_fit)
     return parser
 
 
@@ -298,6 +302,12 @@ def _gradcheck(args: argparse.Namespace) -> int:
             save_image(args.output, heatmap(found.components))
     print(found)
     return 0 if found.verdict == "agrees" else 1
+
+
+def _fit(args: argparse.Namespace) -> int:
+    _start_jax(args.cores or _usable_cores())
+    with _refusing():
+        return run_fit(args)
 
 
 def _check_size(path: Path) -> tuple[int, int]:

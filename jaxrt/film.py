@@ -7,6 +7,7 @@ from typing import NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.extend.core import ClosedJaxpr
 from jax.sharding import Mesh, PartitionSpec
 
 from jaxrt.camera import camera_ray
@@ -82,14 +83,21 @@ def draw_packets(f: Callable[[Operands, Array], Array], operands: Operands, size
     return _picture(_on_devices(on_device, operands, size, plan), size, plan)
 
 
-def sum_packets(f: Callable[[Operands, Array], list[Array]], operands: Operands, size: tuple[int, int], plan: Plan) -> list[Array]:
-    """Return the compensated sum of f(operands, packet) over all packets of a picture."""
+def sum_packets(
+    f: Callable[[Operands, Array], list[Array]],
+    operands: Operands,
+    nothing: list[Array],
+    size: tuple[int, int],
+    plan: Plan,
+) -> list[Array]:
+    """Return the compensated sum of f(operands, packet) over all packets of a picture. nothing: zeros of its shapes."""
+
+    def add(operands: Operands, packet: Array, sums: list[list[Array]]) -> list[list[Array]]:
+        return kahan_add_all(sums, f(operands, packet))
 
     def on_device(operands: Operands, packets: Array) -> list[Array]:
         # Surplus packets have no pixels in the picture, and their cotangents are 0
-        shapes = jax.eval_shape(f, operands, packets[0, 0])
-        nothing = [jnp.zeros(shape.shape, shape.dtype) for shape in shapes]
-        totals = fold_packets(_add_packet(f), operands, [nothing, nothing], packets[0], _native(plan))[0]
+        totals = fold_packets(add, operands, [nothing, nothing], packets[0], _native(plan))[0]
         return [total[None] for total in totals]
 
     return [jnp.sum(total, axis=0) for total in _on_devices(on_device, operands, size, plan)]
@@ -110,10 +118,6 @@ def packets_of(picture: Array, plan: Plan) -> Array:
     return jnp.pad(packets, ((0, share * len(plan.devices) - rows * columns), (0, 0), (0, 0)))
 
 
-def _add_packet(f: Callable[[Operands, Array], list[Array]]) -> Callable[..., list[list[Array]]]:
-    return lambda operands, packet, sums: kahan_add_all(sums, f(operands, packet))
-
-
 def _native(plan: Plan) -> bool:
     return plan.lanes <= NATIVE_LANES
 
@@ -124,7 +128,9 @@ def _layout(size: tuple[int, int], plan: Plan) -> tuple[int, int, int]:
     return columns, rows, -(-columns * rows // len(plan.devices))
 
 
-def _on_devices(f: Callable[[Operands, Array], Totals], operands: Operands, size: tuple[int, int], plan: Plan) -> Totals:
+def _on_devices(
+    f: Callable[[Operands, Array], Totals], operands: Operands, size: tuple[int, int], plan: Plan
+) -> Totals:
     """Return f(operands, packets (1, share)) of each device, whose results have a leading axis of 1, side by side."""
     n = len(plan.devices)
     share = _layout(size, plan)[2]
@@ -132,10 +138,22 @@ def _on_devices(f: Callable[[Operands, Array], Totals], operands: Operands, size
     packets = jnp.arange(share * n, dtype=jnp.int32).reshape(share, n).T
     if n == 1:
         return f(operands, packets)
-    mesh = Mesh(plan.devices, ("packets",))
+    return _spread(f, plan.devices)(operands, packets)
+
+
+def _spread(
+    f: Callable[[Operands, Array], Totals], devices: tuple[jax.Device, ...]
+) -> Callable[[Operands, Array], Totals]:
+    """Return f for each device's row of its second argument."""
     spread, everywhere = PartitionSpec("packets"), PartitionSpec()
+    mesh = Mesh(devices, ("packets",))
     # Unchecked: the check wants every loop's start value marked as differing between devices
-    return jax.shard_map(f, mesh=mesh, in_specs=(everywhere, spread), out_specs=spread, check_vma=False)(operands, packets)
+    return jax.shard_map(f, mesh=mesh, in_specs=(everywhere, spread), out_specs=spread, check_vma=False)
+
+
+def program_on(devices: tuple[jax.Device, ...]) -> ClosedJaxpr:
+    """Return a program that does nothing on these devices."""
+    return jax.make_jaxpr(_spread(lambda _, packets: packets, devices))(0, jnp.zeros(len(devices)))
 
 
 def _picture(packets: Array, size: tuple[int, int], plan: Plan) -> Array:

@@ -7,6 +7,7 @@ row after the other: in order, so that sums do not depend on chance.
 from collections.abc import Sequence
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jax import Array, lax
 from jax.extend.core import Primitive
@@ -50,7 +51,7 @@ def _shape(table: Any, i: Any) -> Any:
 def _differentiate(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Array, Any]:
     y, change = _take.bind(*primals), tangents[0]
     if type(change) is ad.Zero:
-        return y, ad.Zero.from_primal_value(y)
+        return y, ad.Zero(jax.typeof(y).to_tangent_aval())
     return y, _take.bind(change, primals[1])
 
 

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.custom_derivatives import SymbolicZero
 
-from jaxrt.film import Plan, Run, draw_packets, kahan_add_all, packets_of, sample_packet, sum_packets
-from jaxrt.linear import Leaves, Pair, apply_linear
+from jaxrt.film import Plan, Run, draw_packets, kahan_add_all, packets_of, program_on, sample_packet, sum_packets
+from jaxrt.linear import Leaves, Pair, Shapes, apply_linear
 from jaxrt.maths import kahan_add
 from jaxrt.path import Tables
 
@@ -24,11 +24,16 @@ _STILL = {"albedo", "intensity", "environment"}
 
 @partial(jax.custom_jvp, nondiff_argnums=(3,))
 def draw(tables: Tables, run: Run, gradient_run: Run, plan: Plan) -> Array:
-    """Return the sum (height, width, 3) of the samples of `run`; its derivatives are drawn with those of `gradient_run`.
+    """Return the sum (height, width, 3) of the samples of `run`; derivatives are drawn with those of `gradient_run`.
 
     Derivatives hold the pixel's position, each light sample's place on its light and all discrete choices fixed; what
     moving visibility edges add is not in them.
     """
+    return _draw(tables, run, plan)
+
+
+@partial(jax.jit, static_argnums=2)  # so that it is traced once, though it occurs twice in a gradient
+def _draw(tables: Tables, run: Run, plan: Plan) -> Array:
     return draw_packets(partial(_packet_sum, plan), (tables, run), _size(tables), plan)
 
 
@@ -39,13 +44,15 @@ def _draw_jvp(plan: Plan, primals: tuple[Tables, Run, Run], tangents: tuple[Any,
     moved = [i for i, (_, change) in enumerate(changes) if not isinstance(change, SymbolicZero)]
     attached = any(changes[i][0][-1].name not in _STILL for i in moved)
     constants, structure = jax.tree.flatten((tables, gradient_run))
-    pair = _pair(plan, structure, _size(tables), tuple(moved), attached)
+    shapes = tuple(jax.ShapeDtypeStruct(constants[i].shape, constants[i].dtype) for i in moved)
+    pair = _pair(plan, structure, _size(tables), shapes, moved, attached)
     total = draw(tables, run, gradient_run, plan)
     share = (run.end - run.first) / (gradient_run.end - gradient_run.first)
-    return total, apply_linear(pair, constants, [changes[i][1] for i in moved])[0] * share.astype(total.dtype)
+    change = apply_linear(pair, constants, [changes[i][1] for i in moved], program_on(plan.devices))[0]
+    return total, change * share.astype(total.dtype)
 
 
-def _pair(plan: Plan, structure: Any, size: tuple[int, int], moved: tuple[int, ...], attached: bool) -> Pair:
+def _pair(plan: Plan, structure: Any, size: tuple[int, int], shapes: Shapes, moved: list[int], attached: bool) -> Pair:
     """Return the derivative of the sum in the leaves numbered `moved`, forwards and backwards."""
 
     def lanes(constants: Leaves, sample: Array, packet: Array, values: Leaves) -> Array:
@@ -63,7 +70,7 @@ def _pair(plan: Plan, structure: Any, size: tuple[int, int], moved: tuple[int, .
 
         def add_sample(sample: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
             one = partial(lanes, constants, sample, packet)
-            return kahan_add(*sums, jax.jvp(lambda *values: one(values), values, changes)[1])
+            return kahan_add(*sums, jax.jvp(one, [values], [changes])[1])
 
         nothing = jnp.zeros((plan.lanes, 3), values[0].dtype)
         return lax.fori_loop(run.first, run.end, add_sample, (nothing, nothing))[0]
@@ -84,9 +91,10 @@ def _pair(plan: Plan, structure: Any, size: tuple[int, int], moved: tuple[int, .
         return [draw_packets(tangent, (constants, changes), size, plan)]
 
     def transpose(constants: Leaves, picture: Leaves) -> Leaves:
-        return sum_packets(cotangent, (constants, packets_of(picture[0], plan)), size, plan)
+        nothing = [jnp.zeros(value.shape, value.dtype) for value in shapes]
+        return sum_packets(cotangent, (constants, packets_of(picture[0], plan)), nothing, size, plan)
 
-    return Pair(forward, transpose)
+    return Pair(forward, transpose, shapes, (jax.ShapeDtypeStruct((size[1], size[0], 3), shapes[0].dtype),))
 
 
 def _packet_sum(plan: Plan, operands: tuple[Tables, Run], packet: Array) -> Array:

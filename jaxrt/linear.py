@@ -11,12 +11,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
-from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
+from jax.extend.core import ClosedJaxpr, Primitive
 from jax.interpreters import ad, batching, mlir
 
 TOGETHER = 16  # linear arguments of a batch that share one evaluation of what they have in common
 
 Leaves = list[Array]
+Shapes = tuple[jax.ShapeDtypeStruct, ...]
 
 
 class Pair(NamedTuple):
@@ -24,46 +25,54 @@ class Pair(NamedTuple):
 
     forward: Callable[[Leaves, Leaves], Leaves]
     transpose: Callable[[Leaves, Leaves], Leaves]
+    x: Shapes
+    y: Shapes
 
     def swapped(self) -> "Pair":
         """Return the transpose with its own transpose."""
-        return Pair(self.transpose, self.forward)
+        return Pair(self.transpose, self.forward, self.y, self.x)
+
+    def of_many(self, n: int) -> "Pair":
+        """Return the function of n linear arguments at once."""
+        x, y = (tuple(jax.ShapeDtypeStruct((n, *one.shape), one.dtype) for one in side) for side in (self.x, self.y))
+        return Pair(_of_many(self.forward), _of_many(self.transpose), x, y)
 
 
-def apply_linear(pair: Pair, constants: Sequence[Array], x: Sequence[Array]) -> Leaves:
+def apply_linear(pair: Pair, constants: Sequence[Array], x: Sequence[Array], devices: ClosedJaxpr) -> Leaves:
     """Return pair.forward(constants, x), whose derivative in x is itself and whose transpose is pair.transpose.
 
     Batches over x alone share the work that x does not enter; batches over constants run one after the other.
-    Derivatives in the constants are those of pair.forward itself.
+    Derivatives in the constants are those of pair.forward itself. The functions are traced where they are compiled and
+    not before; devices: any program that runs on their devices, by which JAX finds them.
     """
-    return _bind([*constants, *x], pair, len(constants))
-
-
-def _bind(operands: Sequence[Array], pair: Pair, n: int) -> Leaves:
-    # The traced function goes along, for JAX to see which devices it runs on
-    program = jax.make_jaxpr(lambda *operands: pair.forward(list(operands[:n]), list(operands[n:])))(*operands)
-    return _linear.bind(*operands, pair=pair, n=n, program=program)
+    return _linear.bind(*constants, *x, pair=pair, n=len(constants), devices=devices)
 
 
 _linear = Primitive("linear_with_transpose")
 _linear.multiple_results = True
 
 
-def _evaluate(*operands: Array, pair: Pair, n: int, program: ClosedJaxpr) -> Leaves:
-    return jaxpr_as_fun(program)(*operands)
+def _evaluate(*operands: Array, pair: Pair, n: int, devices: ClosedJaxpr) -> Leaves:
+    return pair.forward(list(operands[:n]), list(operands[n:]))
+
+
+def _result(*operands: Any, pair: Pair, n: int, devices: ClosedJaxpr) -> list[Any]:
+    return [jax.core.ShapedArray(y.shape, y.dtype) for y in pair.y]
 
 
 _linear.def_impl(lambda *operands, **params: jax.jit(partial(_evaluate, **params))(*operands))
-_linear.def_abstract_eval(lambda *operands, program, **params: program.out_avals)
+_linear.def_abstract_eval(_result)
 mlir.register_lowering(_linear, mlir.lower_fun(_evaluate, multiple_results=True))
 
 
-def _differentiate(primals: Sequence[Array], tangents: Sequence[Any], *, pair: Pair, n: int, program: ClosedJaxpr) -> tuple[Leaves, Leaves]:
-    y = _linear.bind(*primals, pair=pair, n=n, program=program)
+def _differentiate(
+    primals: Sequence[Array], tangents: Sequence[Any], *, pair: Pair, n: int, devices: ClosedJaxpr
+) -> tuple[Leaves, Leaves]:
+    y = _linear.bind(*primals, pair=pair, n=n, devices=devices)
     parts = []
     if any(type(t) is not ad.Zero for t in tangents[n:]):
         x = [ad.instantiate_zeros(t) for t in tangents[n:]]
-        parts.append(_linear.bind(*primals[:n], *x, pair=pair, n=n, program=program))
+        parts.append(_linear.bind(*primals[:n], *x, pair=pair, n=n, devices=devices))
     moved = [i for i in range(n) if type(tangents[i]) is not ad.Zero]
     if moved:
 
@@ -80,17 +89,22 @@ def _differentiate(primals: Sequence[Array], tangents: Sequence[Any], *, pair: P
 ad.primitive_jvps[_linear] = _differentiate
 
 
-def _transpose(cotangents: Sequence[Any], *operands: Any, pair: Pair, n: int, program: ClosedJaxpr) -> list[Array | None]:
+def _transpose(
+    cotangents: Sequence[Any], *operands: Any, pair: Pair, n: int, devices: ClosedJaxpr
+) -> list[Array | None]:
     y = [ad.instantiate_zeros(ct) for ct in cotangents]
-    x = _bind([*operands[:n], *y], pair.swapped(), n)
+    x = _linear.bind(*operands[:n], *y, pair=pair.swapped(), n=n, devices=devices)
     wanted = [ad.is_undefined_primal(operand) for operand in operands[n:]]
-    return [None] * n + [value if want else None for value, want in zip(x, wanted, strict=True)]
+    none: list[Array | None] = [None] * n
+    return none + [value if want else None for value, want in zip(x, wanted, strict=True)]
 
 
 ad.primitive_transposes[_linear] = _transpose
 
 
-def _batch(operands: Sequence[Array], dims: Sequence[Any], *, pair: Pair, n: int, program: ClosedJaxpr) -> tuple[Leaves, list[int]]:
+def _batch(
+    operands: Sequence[Array], dims: Sequence[Any], *, pair: Pair, n: int, devices: ClosedJaxpr
+) -> tuple[Leaves, list[int]]:
     mapped = [d is not batching.not_mapped for d in dims]
     size = next(o.shape[d] for o, d, is_mapped in zip(operands, dims, mapped, strict=True) if is_mapped)
     moved = [jnp.moveaxis(o, d, 0) if is_mapped else o for o, d, is_mapped in zip(operands, dims, mapped, strict=True)]
@@ -101,12 +115,12 @@ def _batch(operands: Sequence[Array], dims: Sequence[Any], *, pair: Pair, n: int
         def one(batch: Leaves) -> Leaves:
             values = iter(batch)
             chosen = [next(values) if is_mapped else o for o, is_mapped in zip(moved, mapped, strict=True)]
-            return _linear.bind(*chosen, pair=pair, n=n, program=program)
+            return _linear.bind(*chosen, pair=pair, n=n, devices=devices)
 
         y = lax.map(one, batch)
     else:
         x = [o if m else jnp.broadcast_to(o, (size, *o.shape)) for o, m in zip(moved[n:], mapped[n:], strict=True)]
-        y = _bind([*moved[:n], *x], Pair(*map(_of_many, pair)), n)
+        y = _linear.bind(*moved[:n], *x, pair=pair.of_many(size), n=n, devices=devices)
     return y, [0] * len(y)
 
 

@@ -34,7 +34,11 @@ def map_packets(
 
 
 def fold_packets(
-    f: Callable[[Operands, Array, Result], Result], operands: Operands, start: Result, packets: Array, native: bool = True
+    f: Callable[[Operands, Array, Result], Result],
+    operands: Operands,
+    start: Result,
+    packets: Array,
+    native: bool = True,
 ) -> Result:
     """Return what `start` has become after total = f(operands, packet, total) for each of `packets` in turn.
 
@@ -48,9 +52,7 @@ def fold_packets(
     return _call(fold, (operands, start), packets, native)
 
 
-def _call(
-    loop: Callable[[Operands, Array], Result], operands: Operands, packets: Array, native: bool
-) -> Result:
+def _call(loop: Callable[[Operands, Array], Result], operands: Operands, packets: Array, native: bool) -> Result:
     """Return loop(operands, packets), compiled as one native kernel."""
     parcels, unpack = _pack(operands)
 

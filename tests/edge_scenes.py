@@ -1,5 +1,6 @@
 """Scenes with moving shadows, and what derivatives of their pictures are compared by."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -48,8 +49,6 @@ def corner_room(radius, width=64, height=64):
 
 def plan(n, depth, *, geometry=False, lights=False):
     """Return a plan on one device."""
-    import jax
-
     return Plan(n, depth, geometry, lights, (jax.devices()[0],))
 
 

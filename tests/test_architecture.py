@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 LAYERS = [
-    {"pytree", "native", "linear", "gather"},
+    {"pytree", "native", "linear", "gather", "jacobian"},
     {"maths", "sampling", "samplers", "color", "description", "mesh_facts"},
     {"records", "checks"},
     {"shapes"},
@@ -17,7 +17,7 @@ LAYERS = [
     {"interior", "edges"},
     {"render"},
     {"io", "summary", "programs", "selectors"},
-    {"gradcheck"},
+    {"gradcheck", "fit"},
     {"cli"},
     {"__init__", "__main__"},
 ]

@@ -2,9 +2,11 @@
 
 import re
 import runpy
+import shlex
 import tomllib
 import warnings
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -34,6 +36,15 @@ def test_readme_snippet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     names: dict[str, object] = {}
     exec(snippet.replace("spp=4", "spp=1"), names)
     assert (tmp_path / "room.exr").exists() and isinstance(names["brighter"], jaxrt.Scene)
+
+
+def test_derivatives_snippet(monkeypatch: pytest.MonkeyPatch) -> None:
+    (snippet,) = blocks("docs/derivatives.md", "python")
+    monkeypatch.chdir(ROOT)
+    names: dict[str, Any] = {}
+    exec(snippet, names)
+    # The target lies in the direction of the three axes
+    assert names["loss"] > 0 and names["slope"]["lights.position"].sum() < 0
 
 
 def test_readme_names_every_option() -> None:
@@ -75,7 +86,24 @@ def test_help_runs(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert stop.value.code == 0 and command in capsys.readouterr().out
 
 
+def test_inverse_guide(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    (commands,), (snippet,) = blocks("docs/inverse.md", "sh"), blocks("docs/inverse.md", "python")
+    (tmp_path / "scenes").mkdir()
+    text = (ROOT / "scenes/ball_on_floor.toml").read_text().replace("= 64", "= 16")
+    (tmp_path / "scenes/ball_on_floor.toml").write_text(text)
+    (tmp_path / "guess.toml").write_text(text.replace("[4, 9, 3]", "[3, 8, 2]"))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("jaxrt.cli._start_jax", lambda cores: None)
+    render, fit = (shlex.split(line)[1:] for line in commands.splitlines())
+    assert main(render) == 0
+    assert main([*fit, "--spp", "4", "--max-steps", "6"]) in (0, 1), capsys.readouterr().err
+    assert {p.name for p in Path("result").iterdir()} == {"fitted.toml", "fit.json", "loss.png", "before_after.png"}
+    names: dict[str, Any] = {}
+    exec(snippet.replace("16384", "1024"), names)
+    assert float(abs(names["solution"].value - jaxrt.parameters(names["scene"])["lights.position"]).max()) < 0.5
+
+
 def test_links_lead_somewhere() -> None:
-    for page in (*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("benchmarks/*.md")):
+    for page in (page for folder in (".", "docs", "benchmarks", "examples") for page in (ROOT / folder).glob("*.md")):
         for link in re.findall(r"\]\(([^)#]+)\)", page.read_text()):
             assert link.startswith("https://") or (page.parent / link).exists(), f"{page.name}: {link}"

@@ -33,9 +33,15 @@ def edge_tangent(scene: Scene, tangent: Any, seed: Array, plan: Plan) -> Array:
     tangent: as `jax.jvp` wants it, float0 for integers. Works under jit, vmap over tangents (which share the samples)
     and transposition; there is no second derivative.
     """
+    return _picture_change(scene, tangent, sample_edges(scene, seed, plan))
+
+
+@jax.jit
+def _picture_change(scene: Scene, tangent: Any, groups: tuple[EdgeSamples, ...]) -> Array:
+    """Return what the samples' clearances change in the picture."""
     size = scene.camera.width, scene.camera.height
     total = jnp.zeros((size[1], size[0], 3), scene.camera.position.dtype)
-    for samples in sample_edges(scene, seed, plan):
+    for samples in groups:
         _, change = jax.jvp(partial(clearance_of, samples=samples), (scene,), (tangent,))
         total += splat(samples, change, size)
     return total

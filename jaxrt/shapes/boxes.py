@@ -1,20 +1,23 @@
-"""The boxes of a mesh's tree around its vertices of the moment, and all that a walk reads, in three arrays."""
+"""The boxes of a mesh's tree around its vertices of the moment, and all that a walk reads, in one array."""
 
 import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.maths import FAR, unit_roundoff
 from jaxrt.pytree import pytree, static
-from jaxrt.shapes.bvh import Topology
+from jaxrt.shapes.bvh import WIDTH, Topology
+from jaxrt.shapes.order import bits
+
+# Words of a node: least, then largest x, y, z of eight children, padded; the children. Of a leaf: x, y, z of the first,
+# second, third corners of eight faces; the faces, −1 where there are fewer
+NODE, LEAF = 7 * WIDTH, 10 * WIDTH
 
 
 @pytree
 class Tree:
     """A tree with its boxes, flat, as the walk reads it."""
 
-    numbers: Array  # (n·48 + m·72,) boxes: least, then largest x, y, z of eight children, padded; then the corners:
-    # x, y, z of the first, second, third corners of a leaf's eight faces
-    links: Array  # (n·8 + m·8,) int32 children of the nodes; then the faces of the leaves, −1 where there are fewer
+    words: Array  # (n·NODE + m·LEAF,) the nodes, then the leaves; floats by their bits, so that a cache line has both
     reach: Array  # () largest side of the root box
     pad: Array  # () what a face's box is padded by at most
     nodes: int = static()
@@ -35,14 +38,19 @@ def tree_of(topology: Topology, corners: Array) -> Tree:
     highs = -_least_of_ranges(-high, first, last)
     none = (first == last)[..., None]
     boxes = jnp.concatenate([jnp.where(none, FAR, lows), jnp.where(none, -FAR, highs)], -1)
+    nodes = _words(boxes.swapaxes(1, 2), topology.children)
     return Tree(
-        numbers=jnp.concatenate([boxes.swapaxes(1, 2).ravel(), own.transpose(0, 3, 2, 1).ravel()]),
-        links=jnp.concatenate([topology.children.ravel(), slots.ravel()]),
+        words=jnp.concatenate([nodes, _words(own.transpose(0, 3, 2, 1), slots)]),
         reach=jnp.max(high.max(0) - low.min(0)),
         pad=pad.max(),
         nodes=topology.children.shape[0],
         depth=topology.depth,
     )
+
+
+def _words(numbers: Array, links: Array) -> Array:
+    words = bits(numbers.reshape(len(links), -1))
+    return jnp.concatenate([words, links.astype(words.dtype)], 1).ravel()
 
 
 def _least_of_ranges(rows: Array, first: Array, last: Array) -> Array:

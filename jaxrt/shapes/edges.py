@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxrt.maths import FAR, unit_roundoff
+from jaxrt.shapes.order import least, most
 
 Corner = tuple[Array, Array, Array]  # x, y beside the sheared ray, and the depth along it
 
@@ -19,6 +20,14 @@ def main_axis(direction: Array) -> Array:
     size = jnp.abs(direction)
     first = (size[0] >= size[1]) & (size[0] >= size[2])
     return jnp.where(first, 0, jnp.where(size[1] >= size[2], 1, 2)).astype(jnp.int32)
+
+
+def along_axis(axis: Array, v: Array) -> tuple[Array, Array, Array]:
+    """Return v's components (3, …) as (x, y, z) with z along `axis`, a cyclic permutation."""
+    zx, zy = axis == 0, axis == 1
+    x = jnp.where(zx, v[1], jnp.where(zy, v[2], v[0]))
+    y = jnp.where(zx, v[2], jnp.where(zy, v[0], v[1]))
+    return x, y, jnp.where(zx, v[0], jnp.where(zy, v[1], v[2]))
 
 
 def shear(x: Array, y: Array, z: Array, sx: Array, sy: Array, sz: Array) -> Corner:
@@ -36,21 +45,12 @@ def edge_functions(corners: list[Corner]) -> tuple[list[Array], Array, Array]:
     the side has edge functions below their rounding bound; both faces of an edge judge its two corners alike.
     """
     (x0, y0, _), (x1, y1, _), (x2, y2, _) = corners
-    ends = [f(a, f(b, c)) for a, b, c in ((x0, x1, x2), (y0, y1, y2)) for f in (_least, _most)]
+    ends = [f(a, f(b, c)) for a, b, c in ((x0, x1, x2), (y0, y1, y2)) for f in (least, most)]
     left, right, below, above = ends
     beside = (left > 0) | (right < 0) | (below > 0) | (above < 0)
-    bound = 4 * unit_roundoff(x0) * _most(right, -left) * _most(above, -below)
+    bound = 4 * unit_roundoff(x0) * most(right, -left) * most(above, -below)
     edges = x2 * y1 - y2 * x1, x0 * y2 - y0 * x2, x1 * y0 - y1 * x0
     return [jnp.where(jnp.abs(e) <= bound, 0, e) for e in edges], bound, beside
-
-
-def _most(a: Array, b: Array) -> Array:
-    # One instruction, where jnp.maximum takes three to pass a NaN on
-    return jnp.where(a > b, a, b)
-
-
-def _least(a: Array, b: Array) -> Array:
-    return jnp.where(a < b, a, b)
 
 
 def hit_distance(corners: list[Corner]) -> Array:
@@ -59,10 +59,10 @@ def hit_distance(corners: list[Corner]) -> Array:
     z0, z1, z2 = (z for _, _, z in corners)
     total = e0 + e1 + e2
     depth = e0 * z0 + e1 * z1 + e2 * z2
-    same_side = (_least(e0, _least(e1, e2)) >= 0) | (_most(e0, _most(e1, e2)) <= 0)
+    same_side = (least(e0, least(e1, e2)) >= 0) | (most(e0, most(e1, e2)) <= 0)
     # Where the triangle reaches behind the origin, two edge functions may each be wrong by `bound`: without the
     # margin a sliver would hit the rays that leave it
-    first, last = _least(z0, _least(z1, z2)), _most(z0, _most(z1, z2))
+    first, last = least(z0, least(z1, z2)), most(z0, most(z1, z2))
     doubt = jnp.where(first > 0, 0, 2 * bound * (last - first))
     hit = same_side & ~beside & (jnp.where(total < 0, -depth, depth) > doubt)
     # The quotient comes last: it ends a fused loop, and what was before it would be computed twice

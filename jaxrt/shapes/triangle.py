@@ -14,7 +14,7 @@ from jaxrt.pytree import pytree
 from jaxrt.records import Ray, SurfacePoint
 from jaxrt.shapes.boxes import Tree, tree_of
 from jaxrt.shapes.bvh import Topology
-from jaxrt.shapes.edges import edge_functions, hit_distance, main_axis, shear
+from jaxrt.shapes.edges import along_axis, edge_functions, hit_distance, main_axis, shear
 from jaxrt.shapes.smooth import corner_normals, smooth_place
 from jaxrt.shapes.traverse import any_hit, nearest_hit
 
@@ -55,16 +55,8 @@ def triangle_table(triangles: Triangles) -> TriangleTable:
 def sheared(corners: Array, ray: Ray) -> list[tuple[Array, Array, Array]]:
     """Return the corners (3, 3) as the ray sees them."""
     axis = main_axis(ray.direction)
-    dx, dy, dz = _permute(axis, ray.direction)
-    return [shear(*_permute(axis, corner - ray.origin), dx / dz, dy / dz, 1 / dz) for corner in corners]
-
-
-def _permute(axis: Array, v: Array) -> tuple[Array, Array, Array]:
-    """Return v's components as (x, y, z) with z along `axis`, a cyclic permutation."""
-    zx, zy = axis == 0, axis == 1
-    x = jnp.where(zx, v[1], jnp.where(zy, v[2], v[0]))
-    y = jnp.where(zx, v[2], jnp.where(zy, v[0], v[1]))
-    return x, y, jnp.where(zx, v[0], jnp.where(zy, v[1], v[2]))
+    dx, dy, dz = along_axis(axis, ray.direction)
+    return [shear(*along_axis(axis, corner - ray.origin), dx / dz, dy / dz, 1 / dz) for corner in corners]
 
 
 def _hit_weights(corners: Array, ray: Ray) -> tuple[Array, Array]:

@@ -1,0 +1,131 @@
+"""The command `jaxrt fit`."""
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import jax.numpy as jnp
+
+from jaxrt.checks import check_memory
+from jaxrt.description import SceneDescription
+from jaxrt.fit import Fit, FitError, Machine, Problem, Progress, all_rows, fit, unknowns_of
+from jaxrt.fit.files import (
+    Target,
+    check_writable,
+    draw_before_after,
+    draw_losses,
+    final_report,
+    load_target,
+    progress_report,
+    read_progress,
+    write_report,
+    write_scene,
+)
+from jaxrt.fit.solve import Vector
+from jaxrt.fit.unknowns import Floats
+from jaxrt.io.scene_file import read_description
+from jaxrt.scene import Scene, build
+from jaxrt.selectors import Selector, parse_selector
+
+DIGITS = 5
+
+
+def add_arguments(parser: argparse.ArgumentParser, count: Callable[[str], int], seed: Callable[[str], int]) -> None:
+    """Add the arguments of `jaxrt fit`; count and seed: converters of whole numbers."""
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML), with the values to start from")
+    parser.add_argument("target", type=Path, metavar="TARGET", help="the picture to match: .exr, or .png (linearised)")
+    parser.add_argument("--parameters", nargs="+", required=True, metavar="NAME[ROW]", help="what to recover")
+    parser.add_argument("-o", "--output", type=Path, help="folder of the results (SCENE's name with _fit)")
+    parser.add_argument("--spp", type=count, metavar="N", help="samples per pixel of the last stage")
+    parser.add_argument("--max-depth", type=count, metavar="D", help="scattering events along a path")
+    parser.add_argument("--max-steps", type=count, default=60, metavar="N", help="of the solver (60)")
+    parser.add_argument("--starts", type=count, default=1, metavar="N", help="starts to choose the best of (1)")
+    parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of the random numbers (0)")
+    parser.add_argument("--cores", type=count, metavar="N", help="CPU cores (all)")
+    parser.add_argument("--srgb", action="store_true", help="a PNG holds the sRGB curve, not gamma 2.2")
+    parser.add_argument("--resume", action="store_true", help="go on from the output folder's fit.json")
+
+
+def run_fit(args: argparse.Namespace) -> int:
+    """Fit, and write fitted.toml, fit.json, loss.png and before_after.png into the output folder.
+
+    Returns the exit status: 0, 1 for a stalled or ambiguous fit, 130 for an interrupted one.
+    Raises SceneError for bad scenes and parameters, ValueError and OSError for a bad target.
+    """
+    target = load_target(args.target, args.srgb)
+    description = _sized(read_description(args.scene), target, args)
+    scene = build(description)
+    selectors = _selectors(args.parameters, scene, description)
+    unknowns = unknowns_of(scene, selectors)
+    _say(*target.notes)
+    depth = args.max_depth or description.render.max_depth
+    problem = Problem(scene, unknowns, jnp.asarray(target.image), jnp.asarray(target.weight), depth)
+    machine = Machine(problem)
+    folder = args.output or Path(f"{args.scene.stem}_fit")
+    folder.mkdir(parents=True, exist_ok=True)
+    resume = read_progress(folder / "fit.json", unknowns) if args.resume else None
+
+    def save(vector: Vector) -> None:
+        write_scene(args.scene, folder / "fitted.toml", unknowns.values(vector), selectors, description)
+
+    def report(now: Progress) -> None:
+        _say(f"step {now.step}: loss {now.loss:.3e}, {_values(unknowns.values(now.vector))}")
+        save(now.vector)
+        write_report(folder / "fit.json", progress_report(unknowns, now))
+
+    spp = args.spp or description.render.spp
+    answer = fit(machine, spp, args.seed, args.max_steps, args.starts, resume, report)
+    save(answer.vector)
+    write_report(folder / "fit.json", final_report(unknowns, answer))
+    draw_losses(folder / "loss.png", answer.progress.losses)
+    draw_before_after(folder / "before_after.png", target, *answer.pictures)
+    _tell(folder, problem, answer)
+    if answer.interrupted:
+        _say("interrupted: the best so far is written, go on with --resume")
+        return 130
+    return 1 if answer.verdict.word in ("stalled", "ambiguous") else 0
+
+
+def _sized(description: SceneDescription, target: Target, args: argparse.Namespace) -> SceneDescription:
+    """Return the description with a camera of the target's size."""
+    height, width, _ = target.image.shape
+    camera = description.camera
+    if (camera.width, camera.height) != (width, height):
+        if abs(camera.width * height - camera.height * width) > max(camera.width, camera.height):
+            raise FitError(
+                f"{args.target}: {width}x{height}, but the scene's camera has {camera.width}x{camera.height}, another "
+                "shape: set camera.width and camera.height, or crop the picture"
+            )
+        _say(f"the scene is drawn in the target's size, {width}x{height}")
+    check_memory(width, height, str(args.target))
+    return description.model_copy(update={"camera": camera.model_copy(update={"width": width, "height": height})})
+
+
+def _selectors(texts: list[str], scene: Scene, description: SceneDescription) -> dict[str, Selector]:
+    selectors = {text: parse_selector(text, scene, description) for text in all_rows(texts, scene)}
+    check_writable(selectors)
+    return selectors
+
+
+def _tell(folder: Path, problem: Problem, answer: Fit) -> None:
+    """Print values with standard errors, and the verdict."""
+    unknowns, verdict = problem.unknowns, answer.verdict
+    errors = verdict.errors * unknowns.slopes(answer.vector)
+    for row in unknowns.rows:
+        value, error = unknowns.values(answer.vector)[row.text].ravel(), errors[row.span]
+        print(f"{row.text} = {' '.join(f'{v:.{DIGITS}g} ± {e:.1g}' for v, e in zip(value, error, strict=True))}")
+    print(
+        f"{verdict.word}: {verdict.message}\n{folder}: {answer.progress.step} steps, loss {verdict.loss:.3g} on fresh "
+        f"seeds, of which {verdict.noise_floor:.3g} noise of the rendering; fitted.toml, fit.json, loss.png, "
+        "before_after.png"
+    )
+
+
+def _values(values: dict[str, Floats]) -> str:
+    return ", ".join(f"{name} {' '.join(f'{v:.{DIGITS}g}' for v in value.ravel())}" for name, value in values.items())
+
+
+def _say(*lines: str) -> None:
+    for line in lines:
+        print(f"jaxrt: {line}", file=sys.stderr, flush=True)

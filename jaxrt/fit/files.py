@@ -1,0 +1,199 @@
+"""What a fit reads and leaves: the target, the fitted scene, fit.json, the loss curve and the before/after picture."""
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxrt.color import gamma_encode, srgb_encode
+from jaxrt.description import SceneDescription, SceneError
+from jaxrt.fit import Fit, FitError, Progress, Unknowns
+from jaxrt.fit.verdict import Verdict
+from jaxrt.io.image import load_image
+from jaxrt.selectors import Selector, material_names
+
+Floats = NDArray[np.floating]
+
+WHITE = 254.5 / 255  # display value from which on a pixel tells only that it is at least so bright
+
+
+class Target(NamedTuple):
+    """A picture to be matched."""
+
+    image: Floats  # (height, width, 3) linear radiance
+    weight: Floats  # (height, width, 3) 1, or 0 where the file does not tell the radiance
+    notes: tuple[str, ...]  # what was done to it
+
+
+def load_target(path: Path, srgb: bool = False) -> Target:
+    """Return the target in an EXR file, or in a PNG file, linearised and without its clipped pixels.
+
+    Raises ValueError and FileNotFoundError as `load_image` does.
+    """
+    image = load_image(path, srgb)
+    weight = np.ones_like(image)
+    notes = []
+    if path.suffix.lower() == ".png":
+        display = np.asarray(srgb_encode(image) if srgb else gamma_encode(image))
+        weight = (display < WHITE).astype(np.float32)
+        curve = "the sRGB curve" if srgb else "gamma 2.2"
+        notes.append(
+            f"{path}: display values, linearised by {curve}; {1 - weight.mean():.1%} clipped at white, left out"
+        )
+    bad = ~np.isfinite(image)
+    if bad.any():
+        notes.append(f"{path}: {int(bad.any(-1).sum())} pixels are not finite, left out")
+    weight = np.where(bad, 0, weight).astype(np.float32)
+    return Target(np.where(bad, 0, image), weight, tuple(notes))
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file whole or not at all."""
+    part = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        part.write_text(text, encoding="utf-8")
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def write_scene(
+    source: Path, path: Path, values: Mapping[str, Floats], selectors: Mapping[str, Selector], scene: SceneDescription
+) -> None:
+    """Write the scene file `source` to `path` with new values, everything else as the user wrote it."""
+    import tomlkit
+
+    document = tomlkit.parse(source.read_text(encoding="utf-8"))
+    for text, value in values.items():
+        table, key = _place(document, selectors[text], text, scene)
+        table[key] = _rounded(value)
+    for mesh in document.get("meshes", []):
+        # Names of files stay right in another folder
+        mesh["file"] = Path(os.path.relpath(source.parent / str(mesh["file"]), path.parent)).as_posix()
+    write_whole(path, tomlkit.dumps(document))
+
+
+def _rounded(value: Floats) -> Any:
+    """Return plain numbers, of the digits that float32 has."""
+    numbers = [float(f"{v:.7g}") for v in np.atleast_1d(value)]
+    return numbers if np.ndim(value) else numbers[0]
+
+
+def check_writable(selectors: Mapping[str, Selector]) -> None:
+    """Raise SceneError for parameters that a scene file has no place for."""
+    for text, selector in selectors.items():
+        if selector.name == "meshes.vertices":
+            raise SceneError(f"{text}: a vertex has no place in the fitted scene file: fit meshes from Python")
+
+
+def _place(document: Any, selector: Selector, text: str, scene: SceneDescription) -> tuple[Any, str]:
+    """Return the table of the document, and the key in it, that holds a parameter."""
+    owner, field = selector.name.split(".")
+    if owner in ("camera", "environment"):
+        return document[owner], field
+    assert selector.row is not None
+    if owner == "materials":
+        name = material_names(scene, selector.name)[selector.row]
+        if name not in document.get("materials", {}):
+            raise SceneError(f"{text}: comes from a mesh file: write [materials.{name}] into the scene to fit it")
+        return document["materials"][name], field
+    return document[owner][selector.row], field
+
+
+def write_report(path: Path, report: Mapping[str, Any]) -> None:
+    """Write fit.json; numbers that are not finite become null."""
+    write_whole(path, json.dumps(_plain(report), indent=2, allow_nan=False) + "\n")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def progress_report(unknowns: Unknowns, progress: Progress) -> dict[str, Any]:
+    """Return what fit.json holds while the fit goes on: enough to resume from."""
+    return {
+        "verdict": None,
+        "parameters": {name: {"value": value} for name, value in unknowns.values(progress.vector).items()},
+        "iterations": progress.step,
+        "progress": {"stage": progress.stage, "vector": progress.vector, "losses": progress.losses},
+    }
+
+
+def final_report(unknowns: Unknowns, answer: Fit) -> dict[str, Any]:
+    """Return what fit.json holds at the end."""
+    verdict: Verdict = answer.verdict
+    report = progress_report(unknowns, answer.progress)
+    errors = verdict.errors * unknowns.slopes(answer.vector)
+    for row in unknowns.rows:
+        own = report["parameters"][row.text]
+        own |= {
+            "value": unknowns.values(answer.vector)[row.text],
+            "standard_error": errors[row.span].reshape(row.shape),
+        }
+    numbers = verdict._asdict()
+    del numbers["errors"]
+    return {**report, "verdict": {**numbers, "interrupted": answer.interrupted}}
+
+
+def read_progress(path: Path, unknowns: Unknowns) -> Progress:
+    """Return the progress that fit.json holds. Raises FitError where it is of another fit, or not there."""
+    try:
+        report = json.loads(path.read_text(encoding="utf-8"))
+        names, progress = list(report["parameters"]), report["progress"]
+        vector = np.asarray(progress["vector"], np.float32)
+        losses = tuple(float(loss) for loss in progress["losses"])
+        stage = int(progress["stage"])
+    except FileNotFoundError:
+        raise FitError(f"{path}: no such file: nothing to resume, leave out --resume") from None
+    except (ValueError, KeyError, TypeError):
+        raise FitError(f"{path}: is no report of a fit: nothing to resume, leave out --resume") from None
+    if names != [row.text for row in unknowns.rows]:
+        raise FitError(f"{path}: is of another fit, of {', '.join(names)}: name the same --parameters")
+    return Progress(len(losses), stage, vector, losses[-1] if losses else math.inf, losses)
+
+
+def draw_losses(path: Path, losses: tuple[float, ...]) -> None:
+    """Draw the loss of each step."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5, 3.2), layout="constrained")
+    axes = figure.subplots()
+    axes.semilogy(range(1, len(losses) + 1), losses, ".-")
+    axes.set(xlabel="step", ylabel="relative MSE", title="loss on the fit's own samples, coarse to fine")
+    axes.grid(alpha=0.3)
+    figure.savefig(path, dpi=120)
+
+
+def draw_before_after(path: Path, target: Target, before: Floats, after: Floats) -> None:
+    """Draw target, start, answer, and the errors of both in one colour scale."""
+    from matplotlib.figure import Figure
+
+    seen = target.image * target.weight
+    errors = [np.mean(picture - seen, axis=-1) for picture in (before, after)]
+    bright = float(np.quantile(seen.max(axis=-1), 0.99)) or 1.0
+    widest = float(np.max(np.abs(errors[0]))) or 1.0
+    figure = Figure(figsize=(13, 3), layout="constrained")
+    axes = figure.subplots(1, 5)
+    for place, title, picture in zip(axes, ("target", "start", "fit"), (seen, before, after), strict=False):
+        place.imshow(np.clip(gamma_encode(picture / bright), 0, 1))
+        place.set_title(title)
+    for place, title, error in zip(axes[3:], ("start - target", "fit - target"), errors, strict=True):
+        shown = place.imshow(error, cmap="RdBu_r", vmin=-widest, vmax=widest)
+        place.set_title(title)
+    figure.colorbar(shown, ax=axes[4])
+    for place in axes:
+        place.set_axis_off()
+    figure.savefig(path, dpi=100)

@@ -1,0 +1,170 @@
+"""The unknowns of a fit as one vector without bounds.
+
+Albedos are the sigmoid of their number, intensities, radii and indices of refraction the exponential: a clipped value
+would lose its derivative at the bound. Places are counted in units of the scene's size, so that a step of one vector
+component is of like weight for all.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import ArrayLike, NDArray
+
+from jaxrt.description import SceneError
+from jaxrt.parameters import parameters, with_parameters
+from jaxrt.scene import Scene
+from jaxrt.selectors import Selector
+
+Floats = NDArray[np.float64]
+
+KINDS = {
+    "materials.albedo": "fraction",
+    "camera.fov": "angle",
+    "materials.ior": "positive",
+    "lights.intensity": "positive",
+    "lights.radius": "positive",
+    "spheres.radius": "positive",
+    "environment.radiance": "positive",
+}
+EDGE = 0.02  # starts are kept this far inside the bounds, where the derivative is not yet lost
+HALF_TURN = 180.0  # degrees, the bound of a field of view
+
+
+class Unknown(NamedTuple):
+    """One parameter row with its place in the vector."""
+
+    selector: Selector
+    text: str  # as the user wrote it
+    kind: str  # "place", "fraction", "positive" or "angle"
+    first: int
+    shape: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """Return how many components of the vector it takes."""
+        return int(np.prod(self.shape))
+
+    @property
+    def span(self) -> slice:
+        """Return its components in the vector."""
+        return slice(self.first, self.first + self.size)
+
+    def labels(self) -> list[str]:
+        """Return the name of each component."""
+        if not self.shape:
+            return [self.text]
+        axes = "rgb" if self.text.split("[")[0] in KINDS else "xyz"
+        return [f"{self.text}.{axis}" for axis in axes]
+
+
+class Unknowns(NamedTuple):
+    """All unknowns, and the length that places are counted in."""
+
+    rows: tuple[Unknown, ...]
+    length: float
+
+    def labels(self) -> list[str]:
+        """Return the name of each component of the vector."""
+        return [label for row in self.rows for label in row.labels()]
+
+    def vector(self, scene: Scene) -> NDArray[np.floating]:
+        """Return the vector (k,) of the scene's own values, kept a little inside the bounds."""
+        values = parameters(scene)
+        parts = [_free(row, np.asarray(row.selector.pick(values[row.selector.name])), self.length) for row in self.rows]
+        return np.concatenate(parts).astype(scene.camera.position.dtype)
+
+    def apply(self, scene: Scene, vector: Array) -> Scene:
+        """Return the scene with the values that the vector stands for: pure, differentiable in the vector."""
+        old = parameters(scene)
+        new: dict[str, Array] = {}
+        for row in self.rows:
+            name, index = row.selector
+            value = bounded(row.kind, vector[row.span], self.length).reshape(row.shape)
+            whole = new.get(name, old[name])
+            new[name] = value if index is None else whole.at[index].set(value)
+        return with_parameters(scene, new)
+
+    def values(self, vector: ArrayLike) -> dict[str, Floats]:
+        """Return the value of each unknown by the user's name for it."""
+        return {
+            row.text: np.asarray(bounded(row.kind, jnp.asarray(vector)[row.span], self.length), float).reshape(
+                row.shape
+            )
+            for row in self.rows
+        }
+
+    def slopes(self, vector: ArrayLike) -> Floats:
+        """Return d value / d component (k,): what turns standard errors of the vector into those of the values."""
+        parts = []
+        for row in self.rows:
+            value = np.asarray(bounded(row.kind, jnp.asarray(vector)[row.span], self.length), float)
+            slope = {"fraction": value * (1 - value), "positive": value, "place": np.full_like(value, self.length)}
+            slope["angle"] = value * (1 - value / HALF_TURN)
+            parts.append(slope[row.kind])
+        return np.concatenate(parts)
+
+
+def bounded(kind: str, u: Array, length: float) -> Array:
+    """Return the values that components without bounds stand for."""
+    if kind == "fraction":
+        return jax.nn.sigmoid(u)
+    if kind == "angle":
+        return HALF_TURN * jax.nn.sigmoid(u)
+    return jnp.exp(u) if kind == "positive" else length * u
+
+
+def _free(row: Unknown, value: Floats, length: float) -> Floats:
+    """Return the components of a start value."""
+    value = value.astype(float).reshape(-1)
+    if row.kind in ("fraction", "angle"):
+        share = np.clip(value / (HALF_TURN if row.kind == "angle" else 1), EDGE, 1 - EDGE)
+        return np.log(share / (1 - share))
+    if row.kind == "positive":
+        largest = value.max() if value.max() > 0 else 1.0
+        return np.log(np.maximum(value, EDGE * largest))
+    return value / length
+
+
+def unknowns_of(scene: Scene, selectors: Mapping[str, Selector]) -> Unknowns:
+    """Return the unknowns that the selectors name, by the user's words for them. Raises SceneError for doubles."""
+    values, rows, first = parameters(scene), [], 0
+    seen: set[Selector] = set()
+    for text, selector in selectors.items():
+        if selector in seen:
+            raise SceneError(f"{text}: is named twice: name it once")
+        seen.add(selector)
+        shape = selector.pick(values[selector.name]).shape
+        row = Unknown(selector, text, KINDS.get(selector.name, "place"), first, shape)
+        rows.append(row)
+        first += row.size
+    return Unknowns(tuple(rows), scene_length(scene))
+
+
+def scene_length(scene: Scene) -> float:
+    """Return the diagonal of the box around camera, lights, triangles and all but huge spheres, in scene units."""
+    eye = np.asarray(scene.camera.position, float)
+    points: list[Floats] = [eye[None], np.asarray(scene.camera.target, float)[None]]
+    if scene.lights is not None:
+        points.append(np.asarray(scene.lights.position, float))
+    if scene.triangles is not None:
+        points.append(np.asarray(scene.triangles.vertices, float))
+    if scene.spheres is not None:
+        center, radius = np.asarray(scene.spheres.center, float), np.asarray(scene.spheres.radius, float)[:, None]
+        small = 2 * radius[:, 0] < np.linalg.norm(center - eye, axis=1)
+        points += [(center - radius)[small], (center + radius)[small]]
+    box = np.concatenate(points)
+    return float(np.linalg.norm(box.max(axis=0) - box.min(axis=0)))
+
+
+def all_rows(texts: Sequence[str], scene: Scene) -> list[str]:
+    """Return the texts with each name of several rows replaced by all of its rows."""
+    values, out = parameters(scene), []
+    for text in texts:
+        value = values.get(text)
+        several = value is not None and not text.startswith(("camera.", "environment.")) and value.shape[0] > 1
+        out += [f"{text}[{i}]" for i in range(value.shape[0])] if several and value is not None else [text]
+    return out

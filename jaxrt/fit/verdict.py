@@ -1,0 +1,137 @@
+"""What a fit's answer is worth: solved, stalled, ambiguous or noise-limited, and why.
+
+Judged on two fresh seeds a and b. Their difference tells the noise of the rendering. The product of their residuals at
+the same pixel adds up to what no sample explains: errors of the model and noise of the target; the product of
+neighbouring pixels to errors of the model alone, since noise has no neighbours.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+AMBIGUOUS = 1e4  # condition of the Jacobian from which on some change of the unknowns leaves the picture alone
+UNEXPLAINED = 0.01  # structured residual, of the target's RMS, that counts as an explained picture
+SIGNIFICANT = 4.0  # standard deviations
+SHARP = 0.02  # standard error, in components of the unknowns' vector (places: half of it), of a solved fit
+BLIND = 1e-7  # column of the Jacobian, of the largest one, below which no gradient reaches an unknown
+NAMED = 0.1  # share in a null vector from which on an unknown is named
+
+
+class Verdict(NamedTuple):
+    """The verdict in a word, in a sentence, and the numbers behind it."""
+
+    word: str  # "solved", "stalled", "ambiguous" or "noise-limited"
+    message: str
+    loss: float  # relative MSE on a fresh seed
+    noise_floor: float  # what the rendering's own noise adds to it
+    structured: float  # RMS of what no noise explains, of the target's RMS
+    gradient: float  # cosine between the residual and what the unknowns can change, 0 at a minimum
+    condition: float  # of the Jacobian
+    null: list[dict[str, float]]  # changes of the unknowns that leave the picture alone
+    errors: Floats  # (k,) standard errors of the vector's components, inf where not determined
+
+
+def judge(residuals: tuple[Floats, Floats], jacobian: Floats, labels: list[str], places: NDArray[np.bool_]) -> Verdict:
+    """Return the verdict on an answer.
+
+    residuals: (height, width, 3) of two fresh seeds, in units in which the target's sum of squares is 1. jacobian:
+    (height, width, 3, k) of the first. labels: names of the k components; places: (k,) which of them are places.
+    """
+    a, b = residuals
+    matrix = jacobian.reshape(-1, jacobian.shape[-1])
+    loss, floor = float(np.mean([np.sum(a**2), np.sum(b**2)])), float(np.sum((a - b) ** 2) / 2)
+    structured, significance = _structure(a, b)
+    columns = np.linalg.norm(matrix, axis=0)
+    blind = [label for label, norm in zip(labels, columns, strict=True) if norm <= BLIND * max(columns.max(), 1e-6)]
+    values, directions = _spectrum(matrix)
+    condition = float(values[0] / values[-1]) if values[-1] > 0 else np.inf
+    null = [
+        _shares(direction, labels)
+        for s, direction in zip(values, directions, strict=True)
+        if s * AMBIGUOUS <= values[0]
+    ]
+    errors = standard_errors(jacobian, a) if condition <= AMBIGUOUS else np.full(len(labels), np.inf)
+    slope = matrix.T @ a.ravel()
+    gradient = float(np.max(np.abs(slope) / np.maximum(columns * np.linalg.norm(a), 1e-30)))
+    explained = structured <= UNEXPLAINED or significance <= SIGNIFICANT
+    vague = np.flatnonzero(errors > np.where(places, SHARP / 2, SHARP))
+    word, message = _word(explained, structured, blind, null, [labels[i] for i in vague])
+    return Verdict(word, message, loss, floor, structured, gradient, condition, null, errors)
+
+
+def _word(
+    explained: bool, structured: float, blind: list[str], null: list[dict[str, float]], vague: list[str]
+) -> tuple[str, str]:
+    if not explained and blind:
+        return "stalled", (
+            f"no gradient reaches {', '.join(blind)}: nothing in the picture changes with it, though {structured:.1%} "
+            "of the target is unexplained: start elsewhere (--starts 32), lights above the floor, in front of walls"
+        )
+    if not explained:
+        return "stalled", (
+            f"{structured:.1%} of the target is unexplained and no step makes it less: a local minimum, or something "
+            "else in the scene differs from the target: start elsewhere (--starts 32), or fit more parameters"
+        )
+    if null:
+        return "ambiguous", f"{_gauge(null)}: fix one of them"
+    if vague:
+        return "noise-limited", (
+            f"the picture is explained, but noise leaves {', '.join(vague)} uncertain: more spp, or a cleaner target"
+        )
+    return "solved", "the picture is explained up to noise, and determines the parameters"
+
+
+def _gauge(null: list[dict[str, float]]) -> str:
+    """Return in words what leaves the picture alone."""
+    named = sorted({label for direction in null for label in direction})
+    albedos = [n for n in named if n.startswith("materials.albedo")]
+    intensities = [n for n in named if n.startswith(("lights.intensity", "environment.radiance"))]
+    if albedos and intensities and len(albedos) + len(intensities) == len(named):
+        if all(_opposite(direction, albedos) for direction in null):
+            return f"only the product of albedo and intensity is seen, the scale of {', '.join(named)} is not"
+    if len(named) == 1:
+        return f"{named[0]} does not change the picture"
+    return f"{', '.join(named)} can change together without changing the picture"
+
+
+def _opposite(direction: dict[str, float], albedos: list[str]) -> bool:
+    """Return whether albedo and intensity of one channel change in opposite ways."""
+    pairs = [(v, w) for n, v in direction.items() for m, w in direction.items() if n in albedos and m not in albedos]
+    channels = [(n, m) for n in direction for m in direction if n in albedos and m not in albedos]
+    return all(v * w < 0 for (v, w), (n, m) in zip(pairs, channels, strict=True) if n[-1] == m[-1])
+
+
+def _structure(a: Floats, b: Floats) -> tuple[float, float]:
+    """Return the RMS of the structured part of two residuals, and its significance in standard deviations."""
+    pairs = [(a[:, 1:], b[:, :-1]), (a[:, :-1], b[:, 1:]), (a[1:], b[:-1]), (a[:-1], b[1:])]
+    power = sum(float(np.sum(x * y)) for x, y in pairs) / len(pairs)
+    spread = np.sqrt(sum(float(np.sum((x * y) ** 2)) for x, y in pairs)) / len(pairs)
+    return float(np.sqrt(max(power, 0))), power / spread if spread > 0 else 0.0
+
+
+def _spectrum(matrix: Floats) -> tuple[Floats, Floats]:
+    """Return the singular values (k,), largest first, and the right singular vectors, one a row."""
+    triangle = np.linalg.qr(matrix, mode="r")
+    _, values, directions = np.linalg.svd(triangle)
+    return values, directions
+
+
+def _shares(direction: Floats, labels: list[str]) -> dict[str, float]:
+    """Return the components of a null vector that matter, the first positive."""
+    direction = direction * np.sign(direction[np.argmax(np.abs(direction) >= NAMED)])
+    return {n: round(float(v), 3) for n, v in zip(labels, direction, strict=True) if abs(v) >= NAMED}
+
+
+def standard_errors(jacobian: Floats, residual: Floats) -> Floats:
+    """Return the standard errors (k,) of a least-squares answer, from J (..., c, k) and the residual (..., c) there.
+
+    The sandwich (JᵀJ)⁻¹ Jᵀ S J (JᵀJ)⁻¹ (White 1980), S = rrᵀ within each pixel: path-traced noise is not alike in all
+    pixels, that of shadow edges, which place a light, is large; and the c channels of a pixel share their samples.
+    """
+    channels, k = jacobian.shape[-2:]
+    inverse = np.linalg.pinv(jacobian.reshape(-1, k))
+    scores = (inverse * residual.ravel()).reshape(k, -1, channels).sum(axis=-1)
+    return np.sqrt(np.sum(scores**2, axis=1))

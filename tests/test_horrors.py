@@ -1,0 +1,221 @@
+"""Every parameter of scenes with everything: forward = reverse, and no NaN or infinity at the worst corners.
+
+Compilation is what costs here, so each scene has one program forwards and one backwards, fed with all parameters.
+Specular surfaces and the environment have a scene without edge terms, since edges seen in them are not sampled.
+"""
+
+import warnings
+from functools import cache, partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxrt
+
+ONE = tuple(jax.devices()[:1])
+
+# Forward = reverse, every parameter
+
+DIFFUSE, BLACK = {"type": "diffuse", "albedo": [0.5, 0.6, 0.7]}, {"type": "diffuse", "albedo": [0, 0, 0]}
+CAMERA = {"position": [0.2, 1.5, 6], "target": [0, 0.7, 0], "width": 64, "height": 48, "fov": 45}
+SPECULAR = {
+    "camera": CAMERA,
+    "environment": {"radiance": [0.2, 0.3, 0.4]},
+    "materials": {
+        "wall": DIFFUSE,
+        "black": BLACK,
+        "silver": {"type": "mirror", "albedo": [0.9, 0.8, 0.7]},
+        "crown": {"type": "glass", "ior": 1.5},
+    },
+    "spheres": [
+        {"center": [0, 0.6, 0], "radius": 0.6, "material": "wall"},
+        {"center": [0.8, 0.3, 1.2], "radius": 0.3, "material": "black"},
+        {"center": [-1.5, 0.6, 0], "radius": 0.6, "material": "silver"},
+        {"center": [1.5, 0.6, 0.3], "radius": 0.6, "material": "crown"},
+    ],
+    "lights": [{"position": [0.5, 4, 1], "intensity": 20}],
+}
+TRIANGLES = {
+    "camera": CAMERA,
+    "materials": {"wall": DIFFUSE, "black": BLACK},
+    "triangles": [
+        {"vertices": [[-8, 0, -8], [-8, 0, 8], [16, 0, 0]], "material": "wall"},
+        {"vertices": [[-1, 0.2, 0.5], [0.4, 0.3, 0.9], [-0.5, 1.2, 0.5]], "material": "wall"},
+        {"vertices": [[1, 0.2, 0.5], [2, 0.2, 0.5], [1.5, 1, 0.5]], "material": "black"},
+    ],
+    "lights": [{"position": [0.5, 4, 1], "intensity": 20}, {"position": [-2, 3, 2], "intensity": 10}],
+}
+BALLS = {
+    "camera": CAMERA,
+    "materials": {"wall": DIFFUSE, "black": BLACK},
+    "spheres": [
+        {"center": [0, 0.6, 0], "radius": 0.6, "material": "wall"},
+        {"center": [0.8, 0.3, 1.2], "radius": 0.3, "material": "black"},
+        {"center": [0, -50, 0], "radius": 50, "material": "wall"},
+    ],
+    "lights": [{"position": [0.5, 4, 1], "intensity": 20, "radius": 0.4}],
+}
+SCENES = {"specular": SPECULAR, "triangles": TRIANGLES, "balls": BALLS}
+EDGES = {"specular": 0, "triangles": 1024, "balls": 1024}
+NAMES = {
+    "specular": [
+        "lights.position",
+        "lights.intensity",
+        "materials.albedo",
+        "materials.ior",
+        "spheres.center",
+        "spheres.radius",
+        "camera.position",
+        "camera.target",
+        "camera.fov",
+        "environment.radiance",
+    ],
+    "balls": [
+        "lights.position",
+        "lights.intensity",
+        "lights.radius",
+        "materials.albedo",
+        "spheres.center",
+        "spheres.radius",
+        "camera.position",
+        "camera.target",
+        "camera.fov",
+    ],
+    "triangles": [
+        "lights.position",
+        "lights.intensity",
+        "materials.albedo",
+        "meshes.vertices",
+        "camera.position",
+        "camera.target",
+        "camera.fov",
+    ],
+}
+
+
+@cache
+def scene_of(kind):
+    with warnings.catch_warnings():
+        # Glass under a point light casts a black shadow, as jaxrt warns
+        warnings.simplefilter("ignore", jaxrt.SceneWarning)
+        return jaxrt.build(SCENES[kind])
+
+
+def picture(kind, values):
+    """Two samples a pixel, three events."""
+    scene = jaxrt.with_parameters(scene_of(kind), values)
+    return jaxrt.render(scene, 3, spp=2, max_depth=3, boundary_samples=EDGES[kind], devices=ONE)
+
+
+@partial(jax.jit, static_argnums=0)
+def forwards(kind, values, changes):
+    return jax.jvp(partial(picture, kind), (values,), (changes,))
+
+
+@partial(jax.jit, static_argnums=0)
+def backwards(kind, values, weights):
+    return jax.vjp(partial(picture, kind), values)[1](weights)[0]
+
+
+@cache
+def pulled_back(kind):
+    """Return weights of a picture (48, 64, 3), and their pull-back to all parameters."""
+    weights = np.random.default_rng(0).normal(size=(48, 64, 3)).astype(np.float32)
+    return weights, backwards(kind, jaxrt.parameters(scene_of(kind)), weights)
+
+
+@pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind, names in NAMES.items() for name in names])
+def test_forward_is_the_transpose_of_reverse(kind, name):
+    """⟨w, J v⟩ = ⟨Jᵀ w, v⟩ to 1e-5 of the sum of magnitudes, in a picture that is not square, edges included."""
+    values = jaxrt.parameters(scene_of(kind))
+    assert values.keys() == set(NAMES[kind])
+    v = np.random.default_rng(1).normal(size=values[name].shape).astype(np.float32)
+    changes = {k: jnp.zeros_like(x) for k, x in values.items()} | {name: jnp.asarray(v)}
+    _, change = forwards(kind, values, changes)
+    weights, pulled = pulled_back(kind)
+    terms = weights.astype(float) * np.asarray(change, float)
+    assert abs(terms).sum() > 1e-3
+    np.testing.assert_allclose(
+        np.sum(np.asarray(pulled[name], float) * v), terms.sum(), rtol=0, atol=1e-5 * abs(terms).sum()
+    )
+
+
+def test_edges_do_not_touch_the_picture():
+    """Bit for bit; beside a derivative, in a program of its own with roundings of its own, to 1e-5."""
+    plain = jaxrt.render(scene_of("balls"), 3, spp=2, max_depth=3, devices=ONE)
+    values = jaxrt.parameters(scene_of("balls"))
+    np.testing.assert_array_equal(picture("balls", values), plain)
+    beside, _ = forwards("balls", values, jax.tree.map(jnp.ones_like, values))
+    np.testing.assert_allclose(beside, plain, rtol=1e-5, atol=1e-6)
+
+
+# Nothing but numbers
+
+HORRORS = {
+    "specular": {
+        "as it is": {},
+        "camera at a ball's centre": {"camera.position": [0, 0.6, 0], "camera.target": [1, 0.6, 0]},
+        "camera at the mirror's centre": {"camera.position": [-1.5, 0.6, 0], "camera.target": [0, 0.6, 0]},
+        "camera inside the glass, total reflection": {"camera.position": [1.5, 0.05, 0.3], "camera.fov": 150.0},
+        "camera at the glass's centre": {"camera.position": [1.5, 0.6, 0.3], "materials.ior": [3.0]},
+        "glass of index 1": {"materials.ior": [1.0]},
+        "light at a ball's centre": {"lights.position": [[0, 0.6, 0]]},
+        "light around a ball's rim": {"lights.position": [[0, 1.2, 0]]},
+        "light inside the glass": {"lights.position": [[1.5, 0.6, 0.3]]},
+        "camera in the light": {"lights.position": [[0.2, 1.5, 6.1]]},
+        "camera at the light's centre": {"lights.position": [[0.2, 1.5, 6]]},
+        "camera on a ball": {"camera.position": [0, 1.2, 0], "camera.target": [1, 1.2, 0]},
+        "black": {"materials.albedo": np.zeros((3, 3)), "environment.radiance": [0, 0, 0]},
+        "dark": {"lights.intensity": np.zeros((1, 3))},
+        "balls in one place": {"spheres.center": np.tile([[0, 0.6, 0]], (4, 1)), "spheres.radius": np.full(4, 0.6)},
+        "huge wall": {
+            "spheres.center": [[0, -1e4, 0], [1, 1, 0], [-1, 1, 0], [0, 1, 0]],
+            "spheres.radius": [1e4, 1, 1, 1],
+        },
+        "light seen through the camera's pole": {"camera.position": [0.5, 8, 1], "camera.target": [0.5, 4, 1.0001]},
+    },
+    "balls": {
+        "as it is": {},
+        "camera at a ball's centre": {"camera.position": [0, 0.6, 0], "camera.target": [1, 0.6, 0]},
+        "camera on a ball": {"camera.position": [0, 1.2, 0], "camera.target": [1, 1.2, 0]},
+        "camera in the light": {"lights.position": [[0.2, 1.5, 6.1]]},
+        "camera at the light's centre": {"lights.position": [[0.2, 1.5, 6]]},
+        "light at a ball's centre": {"lights.position": [[0, 0.6, 0]]},
+        "light around a ball's rim": {"lights.position": [[0, 1.2, 0]]},
+        "light of no size": {"lights.radius": [0]},
+        "light under the floor": {"lights.position": [[0.5, -4, 1]]},
+        "balls in one place": {"spheres.center": np.tile([[0, 0.6, 0]], (3, 1)), "spheres.radius": np.full(3, 0.6)},
+        "black": {"materials.albedo": np.zeros((2, 3))},
+        "dark": {"lights.intensity": np.zeros((1, 3))},
+        "only sky": {"camera.target": [0.2, 20, 6.1]},
+    },
+    "triangles": {
+        "as it is": {},
+        "without area": {"meshes.vertices": np.tile([[0, 0.5, 0]], (9, 1))},
+        "in a line": {"meshes.vertices": np.outer(np.arange(9), [0.1, 0.1, 0.05])},
+        "camera in the floor's plane": {"camera.position": [0.2, 0, 6], "camera.target": [0, 0, 0]},
+        "camera at a vertex": {"camera.position": [-1, 0.2, 0.5], "camera.target": [0, 0.4, 0.5]},
+        "camera at a light": {"camera.position": [0.5, 4, 1]},
+        "light at a vertex": {"lights.position": [[-1, 0.2, 0.5], [0.4, 0.3, 0.9]]},
+        "light in the floor": {"lights.position": [[0, 0, 0], [1, 0, 1]]},
+        "light on an edge's line": {"lights.position": [[3, 0.2, 0.5], [1.5, 0.2, 0.5]]},
+        "lights in one place": {"lights.position": [[0.5, 4, 1], [0.5, 4, 1]]},
+        "dark": {"lights.intensity": np.zeros((2, 3))},
+        "black": {"materials.albedo": np.zeros((2, 3))},
+        "only sky": {"camera.target": [0.2, 20, 6.1]},
+        "nearly half a turn": {"camera.fov": 179.9},
+    },
+}
+
+
+@pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind, cases in HORRORS.items() for name in cases])
+def test_horrors_have_finite_derivatives(kind, name):
+    """With respect to every parameter, forwards and backwards, edges included."""
+    values = jaxrt.parameters(scene_of(kind))
+    values |= {k: jnp.asarray(v, jnp.float32) for k, v in HORRORS[kind][name].items()}
+    image, change = forwards(kind, values, jax.tree.map(jnp.ones_like, values))
+    assert jnp.isfinite(image).all() and jnp.isfinite(change).all()
+    pulled = backwards(kind, values, jnp.ones((48, 64, 3), jnp.float32))
+    assert {k for k, v in pulled.items() if not jnp.isfinite(v).all()} == set()
