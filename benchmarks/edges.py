@@ -224,7 +224,9 @@ def main() -> None:
     console = wide_console()
     console.print(f"{cpu_model()}; jax {jax.__version__}; {peer}")
     rows, pictures, lights = measure(options.fd_spp)
-    table = Table("", "d/d", "noise", "without edges", *(f"n={n}" for n in SAMPLES), title="4×4 cells / smooth functionals")
+    table = Table(
+        "", "d/d", "noise", "without edges", *(f"n={n}" for n in SAMPLES), title="4×4 cells / smooth functionals"
+    )
     for row in rows:
         table.add_row(*row)
     console.print(table)

@@ -42,9 +42,7 @@ class Subject:
     def picture(self, p: dict[str, Array], boundary_samples: int = 0, spp: int = SPP) -> Array:
         """Return the picture of parameters p."""
         scene = jaxrt.with_parameters(self.scene, p)
-        return jaxrt.render(
-            scene, 0, spp=spp, max_depth=DEPTH, boundary_samples=boundary_samples, unroll=self.unroll
-        )
+        return jaxrt.render(scene, 0, spp=spp, max_depth=DEPTH, boundary_samples=boundary_samples, unroll=self.unroll)
 
     def loss(self, p: dict[str, Array], boundary_samples: int = 0) -> Array:
         """Return the mean square distance to the target."""
@@ -105,7 +103,8 @@ def first_gradient(scene: str, edges: bool, cache: str) -> float:
         "jax.config.update('jax_persistent_cache_min_compile_time_secs', 0);"
         "from benchmarks.gradients import Subject; import time;"
         "s = Subject(sys.argv[1], 128); begin = time.perf_counter();"
-        "f = jax.jit(s.gradient(s.edges * int(sys.argv[3]))).lower(s.start).compile(); print(time.perf_counter() - begin)"
+        "f = jax.jit(s.gradient(s.edges * int(sys.argv[3]))).lower(s.start).compile();"
+        "print(time.perf_counter() - begin)"
     )
     output = subprocess.run(
         [sys.executable, "-c", code, scene, cache, str(int(edges))], capture_output=True, text=True, check=True

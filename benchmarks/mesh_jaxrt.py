@@ -94,9 +94,11 @@ def write_rays(options: argparse.Namespace) -> dict[str, Any]:
     start = np.resize(start, o.shape)
     away = np.asarray(LIGHT) - start
     io, id_ = incoherent_rays(len(o))
-    rays = {"camera_o": o, "camera_d": d, "incoherent_o": io, "incoherent_d": id_}
+    rays: dict[str, Any] = {"camera_o": o, "camera_d": d, "incoherent_o": io, "incoherent_d": id_}
     rays |= {"shadow_o": start, "shadow_d": unit(away), "shadow_reach": np.linalg.norm(away, axis=1).astype(np.float32)}
-    parts = {f"tree_{name}": np.asarray(getattr(tree, name)) for name in ("children", "first", "last", "faces")}
+    parts: dict[str, Any] = {
+        f"tree_{name}": np.asarray(getattr(tree, name)) for name in ("children", "first", "last", "faces")
+    }
     np.savez(options.file, vertices=vertices, faces=faces, tree_depth=tree.depth, **parts, **rays)
     return {"rays": len(o), "build": build}
 
@@ -108,7 +110,7 @@ def tree_in(file: Any) -> Any:
     from jaxrt.shapes import Topology
 
     parts = [jnp.asarray(file[f"tree_{name}"]) for name in ("children", "first", "last", "faces")]
-    return Topology(*parts, depth=int(file["tree_depth"]))
+    return Topology(parts[0], parts[1], parts[2], parts[3], depth=int(file["tree_depth"]))
 
 
 def run_time(options: argparse.Namespace) -> dict[str, Any]:
@@ -130,7 +132,7 @@ def run_time(options: argparse.Namespace) -> dict[str, Any]:
         hits = np.asarray(found if any_hit else found.valid).mean()
         report[name] = [len(rays[0]) / 1e6 / seconds, float(hits)]
     if options.picture:
-        report["picture"] = time_picture(file["vertices"], file["faces"], 3)
+        report["picture"] = time_picture(file["vertices"], file["faces"], 2)
     return report
 
 

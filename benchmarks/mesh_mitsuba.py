@@ -91,7 +91,7 @@ def main():
             best = max(best, [dr.width(ray) / 1e6 / float(np.median(seconds[1:])), float(hits)])
         report[name] = best
     if options.picture:
-        report["picture"] = time_picture(mi, dr, file, 3)
+        report["picture"] = time_picture(mi, dr, file, 2)
     print(json.dumps(report))
 
 

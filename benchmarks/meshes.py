@@ -44,32 +44,31 @@ def measure(
         file = f"{folder}/rays.npz"
         build = report_of(run_child([*MODULE, "rays", str(subdivisions), file], folder))["build"]
         also = ["--picture"] if picture else []
-        commands = {test: [*MODULE, "time", file, "--test", test, *also] for test in tests}
+        # What watertightness costs is told at one size, and without a picture
+        commands = {tests[0]: [*MODULE, "time", file, "--test", tests[0], *also]}
+        commands |= {test: [*MODULE, "time", file, "--test", test] for test in tests[1:] if picture}
         if peer:
             commands["Embree"] = [peer, str(HERE / "mesh_mitsuba.py"), file, *also]
-        kinds = [*KINDS, "picture"] if picture else list(KINDS)
-        rates: Rates = {name: {kind: [] for kind in kinds} for name in commands}
+        rates: Rates = {name: {} for name in commands}
         for i in range(rounds):
             for name in list(commands) if i % 2 == 0 else list(commands)[::-1]:
                 console.print(f"{20 * 4**subdivisions} faces, round {i + 1} of {rounds}: {name}", style="dim")
                 report = report_of(run_child(commands[name], folder))
-                for kind in kinds:
-                    rates[name][kind].append(report[kind][0])
+                for kind, (rate, _) in report.items():
+                    rates[name].setdefault(kind, []).append(rate)
     return rates, build
 
 
-def rows_of(faces: int, rates: Rates) -> list[list[str]]:
-    """Return the table's rows of one size."""
+def rows_of(faces: int, rates: Rates, names: list[str]) -> list[list[str]]:
+    """Return the table's rows of one size; names: the columns' contenders, whether measured at this size or not."""
     rows = []
     for kind in next(iter(rates.values())):
-        row = [
-            f"{faces:,}",
-            kind,
-            KINDS.get(kind, "both"),
-            *(f"{statistics.median(r[kind]):.2f}" for r in rates.values()),
-        ]
-        if "Embree" in rates:
-            row += [ratio_text(rates[name][kind], rates["Embree"][kind]) for name in rates if name != "Embree"]
+        known = {name: rates[name][kind] for name in names if kind in rates.get(name, {})}
+        row = [f"{faces:,}", kind, KINDS.get(kind, "both")]
+        row += [f"{statistics.median(known[name]):.2f}" if name in known else "" for name in names]
+        if "Embree" in known:
+            others = [name for name in names if name != "Embree"]
+            row += [ratio_text(known[name], known["Embree"]) if name in known else "" for name in others]
         rows.append(row)
     return rows
 
@@ -84,7 +83,9 @@ def draw_chart(path: str, results: dict[int, Rates]) -> None:
     figure, axes = pyplot.subplots(figsize=(6, 4), layout="constrained")
     for contender, dashes in (("watertight", "-"), ("Embree", ":")):
         for colour, kind in enumerate(KINDS):
-            points = [(n, 1e3 / statistics.median(r[contender][kind])) for n, r in results.items() if contender in r]
+            points = [
+                (n, 1e3 / statistics.median(r[contender][kind])) for n, r in sorted(results.items()) if contender in r
+            ]
             if points:
                 label = f"{'jaxrt' if contender == 'watertight' else contender}, {kind}"
                 axes.plot(*zip(*points, strict=True), dashes, marker="o", color=f"C{colour}", label=label)
@@ -102,7 +103,7 @@ def markdown(header: list[str], rows: list[list[str]]) -> str:
 def cost_rows(results: dict[int, Rates]) -> list[list[str]]:
     """Return rows of the time of a ray, and of that time over log₂ of the number of faces."""
     rows = []
-    for n, rates in results.items():
+    for n, rates in sorted(results.items()):
         cost = [1e3 / statistics.median(rates["watertight"][kind]) for kind in KINDS]
         rows.append([f"{n:,}", *(f"{c:.0f} ({c / math.log2(n):.1f})" for c in cost)])
     return rows
@@ -117,9 +118,11 @@ def large_text(report: dict[str, Any]) -> str:
     )
 
 
-def write_report(path: str, about: str, header: list[str], results: dict[int, Rates], extra: list[str]) -> None:
+def write_report(
+    path: str, about: str, header: list[str], names: list[str], results: dict[int, Rates], extra: list[str]
+) -> None:
     """Write path.md, with the chart path.png."""
-    rows = [row for n, rates in results.items() for row in rows_of(n, rates)]
+    rows = [row for n, rates in sorted(results.items()) for row in rows_of(n, rates, names)]
     draw_chart(f"{path}.png", results)
     parts = [
         "# Searches of a mesh, measured\n",
@@ -139,8 +142,8 @@ def write_report(path: str, about: str, header: list[str], results: dict[int, Ra
 INTRODUCTION = """Mrays per CPU second of one core (of whole pictures: million camera paths), medians; ratios are \
 formed within rounds, with their range. Both sides get the same rays: a camera's in 8×8 tiles, those from its hits to
 a point light, and uniformly random ones. *Packet of 32*: lanes of a packet that stay together walk through the tree
-together; *single*: each alone. `find` and `occluded` choose by themselves. Embree runs through Mitsuba, at the better of
-its settings (coherent or not). *Moller-trumbore* is the same walk with a test that leaks through edges: what
+together; *single*: each alone. `find` and `occluded` choose by themselves. Embree runs through Mitsuba, at the better
+of its settings (coherent or not). *Moller-trumbore* is the same walk with a test that leaks through edges: what
 watertightness costs. A whole picture is the mesh in a room of six spheres under a sphere light, 256×256, 16 spp,
 max_depth 4, beside Mitsuba's `path`.
 """
@@ -170,12 +173,12 @@ def main() -> None:
         n = 20 * 4**k
         results[n], seconds = measure(k, peer, options.rounds, options.tests, k == options.picture, console)
         builds.append([f"{n:,}", f"{seconds:.2f}", f"{1e6 * seconds / n:.0f}"])
-    names = list(next(iter(results.values())))
+    names = list(dict.fromkeys(name for rates in results.values() for name in rates))
     ratios = [f"{name} / Embree" for name in names if name != "Embree" and peer]
     header = ["faces", "rays", "kernel", *names, *ratios]
     table = Table(*header, title="Mrays per CPU second, medians (ratios: range)")
     for faces, rates in results.items():
-        for row in rows_of(faces, rates):
+        for row in rows_of(faces, rates, names):
             table.add_row(*row)
     console.print(table)
     extra = ["## Building\n", markdown(["faces", "CPU s", "µs a face"], builds)]
@@ -188,7 +191,7 @@ def main() -> None:
     console.print("\n".join(extra))
     if options.report:
         about = f"{cpu_model()}; {versions()}; {message}; medians of {options.rounds} rounds."
-        write_report(options.report, about, header, results, extra)
+        write_report(options.report, about, header, names, results, extra)
 
 
 def versions() -> str:

@@ -36,7 +36,7 @@ def solve(position):
     return solution.value, jnp.sum(residual(solution.value, None) ** 2)
 
 
-x, z = jnp.meshgrid(jnp.linspace(-6, 6, grid[0]), jnp.linspace(-6, 6, grid[1]))
+x, z = jnp.meshgrid(jnp.linspace(-2.5, 4.5, grid[0]), jnp.linspace(-1, 3, grid[1]))
 starts = jnp.stack([x.ravel(), jnp.full(x.size, 8.0), z.ravel()], axis=1)[:, None, :]
 start = time.perf_counter()
 found, losses = jax.block_until_ready(jax.jit(lambda starts: jax.lax.map(solve, starts))(starts))

@@ -78,9 +78,7 @@ def _with_light_spheres(scene: Scene) -> Spheres | None:
     )
 
 
-def radiance(
-    tables: Tables, ray: Ray, numbers: Numbers, max_depth: int, unroll: bool, attached: bool = False
-) -> Array:
+def radiance(tables: Tables, ray: Ray, numbers: Numbers, max_depth: int, unroll: bool, attached: bool = False) -> Array:
     """Return the radiance (3,) that comes in along a camera ray, in W·sr⁻¹·m⁻².
 
     numbers: block k gives the four numbers of event k (light pair, direction pair); block 0 belongs to the camera.
@@ -111,15 +109,20 @@ def _event(tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array], att
     # Sample direct light
     if tables.lights is not None and scattering.albedo is not None:
         lit = hit.valid & scattering.diffuse
-        direct = _direct(tables, point, face_forward(point.shading, wo), u[:2], attached)
+        direct = _direct(tables, point, face_forward(point.shading, wo), u[:2], attached, lit)
         gathered = gathered + jnp.where(lit, walk.throughput * scattering.albedo * direct, 0)
     # Go on
     throughput = jnp.where(hit.valid, walk.throughput * scattering.weight, 0)
     return Walk(once(leave)(point, scattering.direction), throughput, gathered, scattering.specular)
 
 
-def _direct(tables: Tables, point: SurfacePoint, facing: Array, u: tuple[Array, ...], attached: bool) -> Array:
-    """Return the light (3,) that one light sample brings to a diffuse point, to be multiplied by its albedo."""
+def _direct(
+    tables: Tables, point: SurfacePoint, facing: Array, u: tuple[Array, ...], attached: bool, wanted: Array
+) -> Array:
+    """Return the light (3,) that one light sample brings to a diffuse point, to be multiplied by its albedo.
+
+    wanted: () bool; where not, nothing is looked for.
+    """
     assert tables.lights is not None
     sample_one = sample_light_attached if attached else sample_light
     sample = once(sample_one)(tables.lights, point.position, (u[0], u[1]))
@@ -127,7 +130,7 @@ def _direct(tables: Tables, point: SurfacePoint, facing: Array, u: tuple[Array, 
     crowd = tables.lights.pick is not None and tables.lights.lights.radius is not None
     skip = tables.first_light + sample.light if crowd else None
     # The ray starts up to `error` nearer to the light than the point
-    reach = sample.distance - point.error
+    reach = jnp.where(wanted & (cosine > 0), sample.distance - point.error, 0)
     blocked = occluded(tables.occluders, once(leave)(point, sample.direction), reach, skip)
     return jnp.where(blocked | (cosine <= 0), 0, sample.irradiance * (cosine / jnp.pi))
 

@@ -1,5 +1,8 @@
 """The searches of a mesh, through its tree and face by face, of one shape for all meshes: compiled once."""
 
+from dataclasses import replace
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +14,7 @@ from jaxrt.shapes import Topology, topology_of
 from jaxrt.shapes.triangle import Triangles, find_triangle, occluded_by_triangle, triangle_table
 from tests.oracle import unit_vectors
 
+U = 2.0**-24
 NODES, LEAVES, DEPTH = 512, 1300, 20
 PACKET = 64
 
@@ -93,10 +97,20 @@ def rays_at(rng, vertices, faces, n):
     return o.astype(np.float32), (d / np.linalg.norm(d, axis=1, keepdims=True)).astype(np.float32)
 
 
-def in_doubt(o, d, corners):
-    """Return whether a ray passes an edge of a face closer than float32 can tell: 16u of the edge function's terms.
+class Rounding(NamedTuple):
+    """What float32 leaves open about rays (n,) and one face for each: bounds derived, not fitted."""
 
-    Four times the bound of the hit test, in long double. corners: (n, 3, 3).
+    doubt: np.ndarray  # (n,) bool: whether the face is hit at all
+    distance: np.ndarray  # (n,) of the distance, between two ways to round
+
+
+def rounding_of(o, d, corners):
+    """Return what is open about rays and faces (n, 3, 3), in long double.
+
+    A sheared corner x = p_x − (d_x/d_z) p_z is wrong by r = 4u max|p|, so an edge function x₁y₂ − y₁x₂ in a box W·H by
+    r(W + H) + 3uWH; what is below 4uWH counts as zero. So the test says nothing about functions below their sum, b, nor
+    about a face whose box in x or y ends within r of the ray, nor about one that is behind the origin to rounding.
+    The distance, Σeᵢzᵢ/Σeᵢ with z in a range Z, is wrong by 3bZ/|Σeᵢ| + 4u max|z|: twice that between two roundings.
     """
     o, d, v = (np.asarray(x, np.longdouble) for x in (o, d, corners))
     axis = np.argmax(np.abs(d), 1)[:, None]
@@ -106,9 +120,39 @@ def in_doubt(o, d, corners):
         for k in (1, 2, 3)
     )
     dx, dy, dz = (np.take_along_axis(d, (axis + k) % 3, 1) for k in (1, 2, 3))
-    x, y = x - dx / dz * z, y - dy / dz * z
-    e = np.stack([x[:, a] * y[:, b] - y[:, a] * x[:, b] for a, b in ((2, 1), (0, 2), (1, 0))])
-    # A grazing ray: the corners' own rounding is as large as their distance from the ray
-    rounding = 4 * 2.0**-24 * np.abs(p).max((1, 2))
-    wide, high = np.abs(x).max(1) + rounding, np.abs(y).max(1) + rounding
-    return (np.abs(e) <= 16 * 2.0**-24 * wide * high + rounding * (wide + high)).any(0)
+    x, y, z = x - dx / dz * z, y - dy / dz * z, z / dz
+    e = np.stack([x[:, a] * y[:, b] - y[:, a] * x[:, b] for a, b in ((2, 1), (0, 2), (1, 0))], 1)
+    r = 4 * U * np.abs(p).max((1, 2))
+    wide, high = np.abs(x).max(1) + r, np.abs(y).max(1) + r
+    bound = 7 * U * wide * high + r * (wide + high)
+    beside = np.stack([f(a, 1) for a in (x, y) for f in (np.min, np.max)])
+    depth, total, span = (e * z).sum(1), np.abs(e.sum(1)), np.ptp(z, axis=1)
+    error = 3 * bound * span + 4 * U * np.abs(z).max(1) * np.maximum(total, bound)
+    behind = (z.min(1) <= 0) & (np.abs(depth) <= 2 * bound * span + error)
+    doubt = (np.abs(e) <= bound[:, None]).any(1) | (np.abs(beside) <= r).any(0) | behind
+    return Rounding(doubt, 2 * error / np.maximum(np.maximum(total, bound), 1e-300))
+
+
+def assert_same(triangles, o, d, farthest):
+    """Assert that tree and loop find the same, but for what float32 leaves open; return the tree's faces.
+
+    The same face at the same distance within its bound; or two faces whose distances are equal within theirs; or one
+    that is in doubt. No exception is made, and the any-hit search agrees with the other on each side.
+    """
+    t, face, blocked = search(triangles, o, d, farthest)
+    true_t, true_face, true_blocked = search(replace(triangles, bvh=None), o, d, farthest)
+    assert np.array_equal(blocked, face >= 0) and np.array_equal(true_blocked, true_face >= 0)
+    corners = np.asarray(triangles.vertices)[np.asarray(triangles.faces)]
+    ours, loops = (rounding_of(o, d, corners[np.maximum(f, 0)]) for f in (face, true_face))
+    hit, true_hit = face >= 0, true_face >= 0
+    gap = np.abs(t.astype(np.longdouble) - true_t)
+    same = (face == true_face) & (~hit | (gap <= ours.distance))
+    tied = hit & true_hit & (gap <= ours.distance + loops.distance)
+    # The nearer of the two is in doubt, or as far as the ray goes
+    nearer_ours = hit & (~true_hit | (t <= true_t))
+    nearer = np.where(nearer_ours, ours.doubt, loops.doubt)
+    reach = np.where(nearer_ours, ours.distance, loops.distance)
+    at_end = np.abs(np.where(nearer_ours, t, true_t).astype(np.longdouble) - farthest) <= reach
+    wrong = np.flatnonzero(~(same | tied | nearer | at_end))
+    assert not len(wrong), [(int(i), int(face[i]), int(true_face[i]), t[i], true_t[i]) for i in wrong[:5]]
+    return face

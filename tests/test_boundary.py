@@ -1,8 +1,8 @@
 """The edge term against closed forms and finite differences.
 
-Finite differences of 1024 samples a pixel are noisy by about 1 % in 4 × 4 cells, by 0.3 % in smooth functionals (from two
-seeds; half as many samples: 1.4 times). Tolerances are the noise, the truncation of kinks in box pixels, and the edge term's
-own noise together, about twice what was measured.
+Finite differences of 1024 samples a pixel are noisy by about 1 % in 4 × 4 cells and by 0.3 % in smooth functionals, as
+two seeds show. To that come the truncation of kinks in box pixels and the edge term's own noise. Tolerances are about
+twice what all of it was measured to be: box and camera 0.028 of 0.06, an indirect light 0.005 of 0.01.
 """
 
 from dataclasses import replace
@@ -196,16 +196,18 @@ def test_indirect_light_has_its_share_of_the_edges():
     scene, change = scene_of(0.5), {"lights.position": X[None]}
     reference = finite_difference(scene, "lights.position", X[None], 0.03, 1024, 3)
     inside = interior(scene, change, 3, LIGHT)
-    direct, indirect, outlines = sample_edges(scene, jnp.uint32(7), INDIRECT)
     tangent = tangent_of(scene, changes_of(scene, change))
 
     def part(samples):
         moves = jax.jvp(partial(clearance_of, samples=samples), (scene,), (tangent,))[1]
         return np.asarray(splat(samples, moves, (64, 64)), float)
 
-    without = inside + part(direct) + part(outlines)
-    complete = without + part(indirect)
-    assert relative(bumps(complete), bumps(reference)) < 0.015
+    # Four times the samples: those of one seed leave the indirect part's noise at 0.5 % of the whole
+    parts = [[part(samples) for samples in sample_edges(scene, jnp.uint32(seed), INDIRECT)] for seed in range(4)]
+    direct, indirect, outlines = np.mean(parts, axis=0)
+    without = inside + direct + outlines
+    complete = without + indirect
+    assert relative(bumps(complete), bumps(reference)) < 0.01
     assert relative(bumps(without), bumps(reference)) > 2 * relative(bumps(complete), bumps(reference))
 
 
@@ -238,8 +240,13 @@ def test_moving_shapes_and_camera(case):
     assert relative(cells(inside), cells(reference)) > 0.5
 
 
-def test_a_sphere_light_casts_the_shadow_of_another_and_is_seen_itself():
-    scene = jaxrt.build(
+TWO_LIGHTS = plan(16384, 1, lights=True)
+
+
+@cache
+def two_lights():
+    """Return a light above a light above a huge sphere."""
+    return jaxrt.build(
         {
             "camera": dict(position=[0, 2.5, 6], target=[0, 0.6, 0], fov=45, width=32, height=32),
             "materials": {"white": {"type": "diffuse", "albedo": [0.8, 0.6, 0.4]}},
@@ -250,15 +257,18 @@ def test_a_sphere_light_casts_the_shadow_of_another_and_is_seen_itself():
             ],
         }
     )
-    direction = np.asarray([[0, 0, 0], [1, 0.3, 0]], np.float32)
+
+
+def test_a_sphere_light_casts_the_shadow_of_another_and_is_seen_itself():
+    scene, direction = two_lights(), np.asarray([[0, 0, 0], [1, 0.3, 0]], np.float32)
     change = {"lights.position": direction}
     reference = finite_difference(scene, "lights.position", direction, 0.02, 4096, 1)
     inside = interior(scene, change, 1, LIGHT)
-    total = inside + edges(scene, change, plan(16384, 1, lights=True))
+    total = inside + edges(scene, change, TWO_LIGHTS)
     assert relative(bumps(total), bumps(reference)) < 0.02
     assert relative(bumps(inside), bumps(reference)) > 0.5
 
-    two = plan(16384, 1, lights=True)._replace(devices=tuple(jax.devices()[:2]))
+    two = TWO_LIGHTS._replace(devices=tuple(jax.devices()[:2]))
     np.testing.assert_allclose(inside + edges(scene, change, two), total, atol=1e-5 * np.abs(total).max())
 
 
@@ -269,9 +279,13 @@ def test_reverse_mode_is_the_transpose_of_forward_mode():
     scene, rng = scene_of(0.5), np.random.default_rng(1)
     change = {k: jnp.asarray(rng.normal(size=v.shape), jnp.float32) for k, v in values_of(scene).items()}
     weights = jax.random.normal(jax.random.key(0), (64, 64, 3))
+    groups = sample_edges(scene, jnp.uint32(7), INDIRECT)
 
+    @jax.jit
     def linear(change):
-        return edge_tangent(scene, tangent_of(scene, change), jnp.uint32(7), INDIRECT)
+        tangent = tangent_of(scene, change)
+        moves = [jax.jvp(partial(clearance_of, samples=s), (scene,), (tangent,))[1] for s in groups]
+        return sum(splat(s, move, (64, 64)) for s, move in zip(groups, moves, strict=True))
 
     pulled = jax.linear_transpose(linear, change)(weights)[0]
     for name in values_of(scene):
@@ -283,11 +297,11 @@ def test_reverse_mode_is_the_transpose_of_forward_mode():
 
 
 def test_tangents_of_a_batch_share_the_samples():
-    scene = scene_of(0.5)
+    scene = two_lights()
 
     def one(direction):
-        change = changes_of(scene, {"lights.position": direction[None]})
-        return edge_tangent(scene, tangent_of(scene, change), jnp.uint32(7), INDIRECT)
+        change = changes_of(scene, {"lights.position": jnp.stack([direction, -direction])})
+        return edge_tangent(scene, tangent_of(scene, change), jnp.uint32(7), TWO_LIGHTS)
 
     batch = np.asarray(jax.vmap(one)(jnp.asarray(AXES)))
     for picture, axis in zip(batch, AXES, strict=True):

@@ -164,7 +164,7 @@ def _scatter_event(tables: Tables, walk: Walk, hit: Hit, point: SurfacePoint, u:
     gathered = walk.radiance
     if tables.lights is not None and scattering.albedo is not None:
         lit = hit.valid & scattering.diffuse
-        direct = _direct(tables, point, face_forward(point.shading, wo), u[:2], False)
+        direct = _direct(tables, point, face_forward(point.shading, wo), u[:2], False, lit)
         gathered = gathered + jnp.where(lit, walk.throughput * scattering.albedo * direct, 0)
     throughput = jnp.where(hit.valid, walk.throughput * scattering.weight, 0)
     return Walk(once(leave)(point, scattering.direction), throughput, gathered, scattering.specular)

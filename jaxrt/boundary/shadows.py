@@ -246,9 +246,11 @@ def _connect(tables: Tables, point: SurfacePoint, facing: Array) -> tuple[Projec
     direction = normalize(away)
     # What the camera sees of the surface, on the side that is lit
     cosine = jnp.where(dot(facing, direction) > 0, jnp.abs(dot(point.normal, direction)), 0)
-    blocked = occluded(tables.geometry, leave(point, direction), safe_sqrt(squared) - point.error)
-    seen = view.inside & (cosine > GRAZING) & ~blocked
-    return view, jnp.where(seen, safe_divide(cosine * view.density, squared), 0)
+    faced = view.inside & (cosine > GRAZING)
+    # A ray of no length finds nothing, in no time
+    reach = jnp.where(faced, safe_sqrt(squared) - point.error, 0)
+    blocked = occluded(tables.geometry, leave(point, direction), reach)
+    return view, jnp.where(faced & ~blocked, safe_divide(cosine * view.density, squared), 0)
 
 
 def _along(rim: Rim, source: LightPoint, receiver: Vertex) -> Array:

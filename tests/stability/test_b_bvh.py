@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from jaxrt.maths import FAR
 from jaxrt.shapes import survey, topology_of
 from tests import meshes
-from tests.searches import in_doubt, padded, rays_at, search
+from tests.searches import assert_same, padded, rays_at, search
 
-U = 2.0**-24
 N = 102_400
 
 
@@ -39,37 +38,6 @@ CASES = {
 }
 
 
-def assert_same(triangles, o, d, farthest, tie=4 * U):
-    """Assert that tree and loop find the same face, equally distant ones, or differ by what is too close to tell.
-
-    tie: relative difference of equal distances; wider for slivers, whose distance is ill-conditioned.
-    """
-    t, face, blocked = search(triangles, o, d, farthest)
-    true_t, true_face, true_blocked = search(replace(triangles, bvh=None), o, d, farthest)
-    corners = np.asarray(triangles.vertices)[np.asarray(triangles.faces)]
-    tied = (face >= 0) & (true_face >= 0) & (np.abs(t - true_t) <= tie * true_t)
-    other = np.flatnonzero((face != true_face) & ~tied)
-    size = np.abs(corners).max()
-    doubt = [
-        (f[other] >= 0) & in_doubt(o[other], d[other], corners[np.maximum(f[other], 0)]) for f in (face, true_face)
-    ]
-    # In a grazing ray's distance the rounding counts many times
-    at_end = np.abs(np.minimum(t, true_t)[other] - farthest[other]) <= 1e-4 * farthest[other]
-    at_start = np.minimum(t, true_t)[other] <= 16 * U * size
-    excused = doubt[0] | doubt[1] | at_end | at_start
-    assert np.all(excused), other[~excused]
-    assert len(other) < 0.05 * len(o)
-    same = face == true_face
-    assert np.array_equal(blocked, face >= 0) and np.array_equal(true_blocked, true_face >= 0)
-    # Where the ray grazes its face the distance is ill-conditioned, but nobody uses it: `surface_point` makes its own
-    own = corners[np.maximum(face, 0)].astype(float)
-    normal = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0])
-    cosine = np.abs(np.sum(normal * d, 1)) / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
-    clear = same & (face >= 0) & (cosine > 1e-2) & ~in_doubt(o, d, own)
-    assert np.all(np.abs(t - true_t)[clear] <= max(100 * tie, 1e-3) * true_t[clear] + 16 * U * size)
-    return face
-
-
 @pytest.mark.parametrize("name", CASES)
 def test_b_tree_finds_what_the_loop_finds(name):
     vertices, faces = CASES[name]
@@ -77,7 +45,7 @@ def test_b_tree_finds_what_the_loop_finds(name):
     rng = np.random.default_rng(5)
     o, d = rays_at(rng, vertices, faces, N)
     farthest = np.where(rng.uniform(size=N) < 0.7, FAR, 10 ** rng.uniform(-2, 0.5, N) * np.ptp(vertices, axis=0).max())
-    face = assert_same(padded(vertices, faces), o, d, farthest, 1e-3 if name == "diagonals" else 4 * U)
+    face = assert_same(padded(vertices, faces), o, d, farthest)
     assert 0.1 < (face >= 0).mean() < 0.999
     if name == "duplicates":
         assert face.max() < len(faces) // 2
@@ -127,7 +95,7 @@ coordinates = st.floats(-1, 1, width=16)
 def test_b_any_mesh(corners):
     vertices, faces = meshes.soup(np.asarray(corners, np.float32))
     o, d = rays_at(np.random.default_rng(8), vertices.astype(float), faces, 4096)
-    assert_same(padded(vertices, faces), o, d, np.full(4096, FAR), 1e-3)
+    assert_same(padded(vertices, faces), o, d, np.full(4096, FAR))
 
 
 def test_b_star_mesh_has_no_leak_through_the_tree():
@@ -135,7 +103,7 @@ def test_b_star_mesh_has_no_leak_through_the_tree():
     rng = np.random.default_rng(1)
     for scale in (1e-3, 1.0, 1e3):
         mesh = meshes.star_mesh(rng, 15, scale)
-        aim = np.concatenate([meshes.aim_at_edges(rng, mesh, 20_480), meshes.aim_at_vertices(rng, mesh, 20_480)])
+        aim = np.concatenate([meshes.aim_at_edges(rng, mesh, 51_200), meshes.aim_at_vertices(rng, mesh, 51_200)])
         o = (0.1 * scale * rng.uniform(-0.5, 0.5, aim.shape)).astype(np.float32)
         d = aim - o
         d = (d / np.linalg.norm(d, axis=1, keepdims=True)).astype(np.float32)
