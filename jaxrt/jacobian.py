@@ -20,7 +20,7 @@ def jacobian_once(residual: Callable[[Any, Any], Array]) -> Callable[[Any, Any],
         flat, unravel = ravel_pytree(p)
         here = lax.stop_gradient(flat)
         value, jacobian = value_and_jacobian(lambda vector: residual(unravel(vector), args), here)
-        return value + jacobian @ (flat - here)
+        return value + lax.dot(jacobian, flat - here, precision=lax.Precision.HIGHEST)
 
     return linear
 

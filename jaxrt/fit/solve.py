@@ -158,7 +158,7 @@ def _linear_model(
 
     here = lax.stop_gradient(vector)
     value, jacobian = value_and_jacobian(residual, here)
-    return value + jacobian @ (vector - here), (value, jacobian)
+    return value + jnp.matmul(jacobian, vector - here, precision=lax.Precision.HIGHEST), (value, jacobian)
 
 
 def picture_of(scene: Scene, seed: Array, spp: Array, max_depth: int | None, sampler: str, edges: int) -> Array:

@@ -121,9 +121,8 @@ def test_o6_an_answer_is_never_worse_than_the_start(position: Machine, scene: ja
 
 
 def test_o7_a_target_that_is_not_finite_raises(position: Machine, target: jnp.ndarray) -> None:
-    machine = position.again(target=target.at[3, 4].set(jnp.nan))
     with pytest.raises(FitError, match="check scene and target"):
-        fit(machine, SPP)
+        fit(position.again(target=target.at[3, 4].set(jnp.nan)), SPP)
 
 
 def test_o7_a_scene_that_is_not_finite_raises(position: Machine, scene: jaxrt.Scene) -> None:
