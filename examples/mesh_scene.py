@@ -16,7 +16,7 @@ import jaxrt
 
 options = arguments(__doc__)
 size, spp, steps = (16, 4, 2) if options.quick else (64, 16, 30)
-ball = trimesh.creation.icosphere(subdivisions=1, radius=1.0)  # 42 vertices, 80 faces; a file works as well
+ball = trimesh.creation.icosphere(0 if options.quick else 1)  # 42 vertices, 80 faces; a file works as well
 floor = {"vertices": [[-8, 0, 8], [8, 0, 8], [8, 0, -8], [-8, 0, -8]], "faces": [[0, 1, 2], [0, 2, 3]]}
 description = {
     "camera": {"position": [0, 7, 12], "target": [0, 0.5, 0], "fov": 40, "width": size, "height": size},
