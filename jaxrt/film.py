@@ -7,12 +7,10 @@ from typing import NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jax.extend.core import ClosedJaxpr
-from jax.sharding import Mesh, PartitionSpec
 
 from jaxrt.camera import camera_ray
 from jaxrt.maths import kahan_add
-from jaxrt.native import fold_packets, map_packets
+from jaxrt.native import fold_packets, map_packets, on_devices
 from jaxrt.path import Tables, radiance
 from jaxrt.samplers import SAMPLERS, Stream
 
@@ -80,7 +78,7 @@ def draw_packets(f: Callable[[Operands, Array], Array], operands: Operands, size
     def on_device(operands: Operands, packets: Array) -> Array:
         return map_packets(f, operands, packets[0], _native(plan))[None]
 
-    return _picture(_on_devices(on_device, operands, size, plan), size, plan)
+    return _picture(on_devices(on_device, operands, _count(size, plan), plan.devices), size, plan)
 
 
 def sum_packets(
@@ -100,7 +98,7 @@ def sum_packets(
         totals = fold_packets(add, operands, [nothing, nothing], packets[0], _native(plan))[0]
         return [total[None] for total in totals]
 
-    return [jnp.sum(total, axis=0) for total in _on_devices(on_device, operands, size, plan)]
+    return [jnp.sum(total, axis=0) for total in on_devices(on_device, operands, _count(size, plan), plan.devices)]
 
 
 def kahan_add_all(sums: list[list[Array]], values: list[Array]) -> list[list[Array]]:
@@ -128,32 +126,10 @@ def _layout(size: tuple[int, int], plan: Plan) -> tuple[int, int, int]:
     return columns, rows, -(-columns * rows // len(plan.devices))
 
 
-def _on_devices(
-    f: Callable[[Operands, Array], Totals], operands: Operands, size: tuple[int, int], plan: Plan
-) -> Totals:
-    """Return f(operands, packets (1, share)) of each device, whose results have a leading axis of 1, side by side."""
-    n = len(plan.devices)
-    share = _layout(size, plan)[2]
-    # Deal packets like cards: neighbours cost alike, so every device gets its share of the dear ones
-    packets = jnp.arange(share * n, dtype=jnp.int32).reshape(share, n).T
-    if n == 1:
-        return f(operands, packets)
-    return _spread(f, plan.devices)(operands, packets)
-
-
-def _spread(
-    f: Callable[[Operands, Array], Totals], devices: tuple[jax.Device, ...]
-) -> Callable[[Operands, Array], Totals]:
-    """Return f for each device's row of its second argument."""
-    spread, everywhere = PartitionSpec("packets"), PartitionSpec()
-    mesh = Mesh(devices, ("packets",))
-    # Unchecked: the check wants every loop's start value marked as differing between devices
-    return jax.shard_map(f, mesh=mesh, in_specs=(everywhere, spread), out_specs=spread, check_vma=False)
-
-
-def program_on(devices: tuple[jax.Device, ...]) -> ClosedJaxpr:
-    """Return a program that does nothing on these devices."""
-    return jax.make_jaxpr(_spread(lambda _, packets: packets, devices))(0, jnp.zeros(len(devices)))
+def _count(size: tuple[int, int], plan: Plan) -> int:
+    """Return the number of packets of a picture."""
+    columns, rows, _ = _layout(size, plan)
+    return columns * rows
 
 
 def _picture(packets: Array, size: tuple[int, int], plan: Plan) -> Array:

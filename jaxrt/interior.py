@@ -13,9 +13,10 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.custom_derivatives import SymbolicZero
 
-from jaxrt.film import Plan, Run, draw_packets, kahan_add_all, packets_of, program_on, sample_packet, sum_packets
+from jaxrt.film import Plan, Run, draw_packets, kahan_add_all, packets_of, sample_packet, sum_packets
 from jaxrt.linear import Leaves, Pair, Shapes, apply_linear
 from jaxrt.maths import kahan_add
+from jaxrt.native import program_on
 from jaxrt.path import Tables
 
 # Parameters that light paths and light samples do not depend on: they keep the picture's own light samples

@@ -16,6 +16,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 from jax.experimental.xla_metadata import set_xla_metadata
+from jax.extend.core import ClosedJaxpr
+from jax.sharding import Mesh, PartitionSpec
 
 Operands = TypeVar("Operands")
 Result = TypeVar("Result")
@@ -67,6 +69,35 @@ def _call(loop: Callable[[Operands, Array], Result], operands: Operands, packets
     # A tagged call with an operand that turns out unused aborts the process (jaxlib 0.10.1: "All or none of the slices
     # should have an explicit index"). So all go in as a few arrays, and a number of each comes out again.
     return lax.optimization_barrier((_tagged(unpacked) if native else unpacked)(parcels, packets))[0]
+
+
+def on_devices(
+    f: Callable[[Operands, Array], Result], operands: Operands, count: int, devices: tuple[jax.Device, ...]
+) -> Result:
+    """Return f(operands, packets (1, share)) of each device, whose results have a leading axis of 1, side by side.
+
+    Packets 0 … count − 1 are dealt like cards: neighbours cost alike, so every device gets its share of the dear ones.
+    Their number is rounded up to the same for each device.
+    """
+    n = len(devices)
+    share = -(-count // n)
+    packets = jnp.arange(share * n, dtype=jnp.int32).reshape(share, n).T
+    return f(operands, packets) if n == 1 else _spread(f, devices)(operands, packets)
+
+
+def program_on(devices: tuple[jax.Device, ...]) -> ClosedJaxpr:
+    """Return a program that does nothing on these devices."""
+    return jax.make_jaxpr(_spread(lambda _, packets: packets, devices))(0, jnp.zeros(len(devices)))
+
+
+def _spread(
+    f: Callable[[Operands, Array], Result], devices: tuple[jax.Device, ...]
+) -> Callable[[Operands, Array], Result]:
+    """Return f for each device's row of its second argument."""
+    spread, everywhere = PartitionSpec("packets"), PartitionSpec()
+    mesh = Mesh(devices, ("packets",))
+    # Unchecked: the check wants every loop's start value marked as differing between devices
+    return jax.shard_map(f, mesh=mesh, in_specs=(everywhere, spread), out_specs=spread, check_vma=False)
 
 
 def once(f: Callable[..., Result]) -> Callable[..., Result]:

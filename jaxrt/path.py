@@ -95,16 +95,22 @@ def radiance(tables: Tables, ray: Ray, numbers: Numbers, max_depth: int, unroll:
     else:
         blocks = jnp.arange(1, max_depth + 1)
         walk, _ = lax.scan(lambda walk, k: (_event(tables, walk, numbers(k), attached), None), walk, blocks)
-    return _last_look(tables, walk)
+    return last_look(tables, walk)
 
 
 def _event(tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array], attached: bool) -> Walk:
     """Return the path one scattering event on."""
     hit = once(find)(tables.geometry, walk.ray)
+    return event_at(tables, walk, hit, once(surface_point)(tables.geometry, walk.ray, hit), u, attached)
+
+
+def event_at(
+    tables: Tables, walk: Walk, hit: Hit, point: SurfacePoint, u: tuple[Array, ...], attached: bool = False
+) -> Walk:
+    """Return the path after its event at the point where its ray meets what it hits. u: four numbers in [0, 1)."""
     walk = _see(tables, walk, hit)
-    point = once(surface_point)(tables.geometry, walk.ray, hit)
     wo = -walk.ray.direction
-    scattering = once(scatter)(tables.materials, point.material, point.shading, wo, u[2:])
+    scattering = once(scatter)(tables.materials, point.material, point.shading, wo, (u[2], u[3]))
     gathered = walk.radiance
     # Sample direct light
     if tables.lights is not None and scattering.albedo is not None:
@@ -149,7 +155,7 @@ def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
     return replace(walk, radiance=walk.radiance + walk.throughput * seen)
 
 
-def _last_look(tables: Tables, walk: Walk) -> Array:
+def last_look(tables: Tables, walk: Walk) -> Array:
     """Return the walk's radiance with what its last ray sees, where it can see anything at all."""
     can_shine = tables.lights is not None and tables.lights.lights.radius is not None
     specular = tables.materials.mirror is not None or tables.materials.glass is not None

@@ -19,7 +19,7 @@ import pytest
 
 import jaxrt
 from jaxrt import cli
-from jaxrt.fit import FitError, Machine, Problem, fit, standard_errors, unknowns_of
+from jaxrt.fit import Fit, FitError, Machine, Problem, fit, standard_errors, unknowns_of
 from jaxrt.fit.files import load_target, read_progress, write_scene
 from jaxrt.io.scene_file import read_description
 from jaxrt.selectors import parse_selector
@@ -113,18 +113,29 @@ def test_albedos_are_found_by_indirect_light_without_the_bias_of_one_set_of_samp
     assert np.abs(found - truth[np.array(SEEN)]).max() <= 0.01, found
 
 
-@pytest.mark.slow
-def test_a_sphere_light_is_found() -> None:
+@pytest.fixture(scope="module")
+def sphere_light() -> tuple[jaxrt.Scene, Machine, Fit]:
+    """A sphere light sought by its place and radius: the true scene, and the answer."""
     scene = resized("scenes/ball_under_sphere_light.toml")
-    truth = jaxrt.parameters(scene)
     target = jaxrt.render(scene, 1, spp=16 * 64)
     start = jaxrt.with_parameters(scene, {"lights.position": jnp.array([[2.0, 7.0, 0.0]])})
     machine = machine_of(start, ["lights.position[0]", "lights.radius[0]"], target)
-    answer = fit(machine, spp=64)
+    return scene, machine, fit(machine, spp=64)
+
+
+@pytest.mark.slow
+def test_a_sphere_light_is_found(sphere_light: tuple[jaxrt.Scene, Machine, Fit]) -> None:
+    scene, machine, answer = sphere_light
+    truth = jaxrt.parameters(scene)
     found = machine.problem.unknowns.values(answer.vector)
     assert np.linalg.norm(found["lights.position[0]"] - truth["lights.position"][0]) <= 0.02 * DIAGONAL
     assert abs(found["lights.radius[0]"] - truth["lights.radius"][0]) <= 0.05
-    assert answer.verdict.word in {"solved", "noise-limited"}  # its loss on fresh samples is at the edge of the floor
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(reason="noise-limited: the loss on fresh samples is just above the noise floor")
+def test_a_sphere_light_that_is_found_is_solved(sphere_light: tuple[jaxrt.Scene, Machine, Fit]) -> None:
+    assert sphere_light[2].verdict.word == "solved"
 
 
 @pytest.mark.slow

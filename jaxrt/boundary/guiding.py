@@ -12,11 +12,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
-from jax.sharding import Mesh, PartitionSpec
 from jax.typing import DTypeLike
 
 from jaxrt.maths import safe_divide
-from jaxrt.native import map_packets
+from jaxrt.native import map_packets, on_devices
 from jaxrt.pytree import pytree
 from jaxrt.samplers import Stream, independent
 
@@ -109,8 +108,6 @@ def _found(guide: Guide, measure: Array, offset: Array) -> Array:
 
 def _run(sample: Sample[Operands], operands: Any, packets: int, devices: tuple[jax.Device, ...]) -> Any:
     """Return results and measures (packets, LANES, …) of one round."""
-    n = len(devices)
-    share = -(-packets // n)
 
     def one_packet(operands: Any, packet: Array) -> Any:
         rest, (guide, number, seed) = operands
@@ -123,16 +120,8 @@ def _run(sample: Sample[Operands], operands: Any, packets: int, devices: tuple[j
     def on_device(operands: Any, packets: Array) -> Any:
         return jax.tree.map(lambda x: x[None], map_packets(one_packet, operands, packets[0]))
 
-    numbers = jnp.arange(share * n, dtype=jnp.int32).reshape(share, n).T
-    if n > 1:
-        spread, everywhere = PartitionSpec("packets"), PartitionSpec()
-        mesh = Mesh(devices, ("packets",))
-        # Unchecked: the check wants every loop's start value marked as differing between devices
-        on_device = jax.shard_map(
-            on_device, mesh=mesh, in_specs=(everywhere, spread), out_specs=spread, check_vma=False
-        )
-    results = on_device(operands, numbers)
-    return jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1).reshape(share * n, *x.shape[2:])[:packets], results)
+    results = on_devices(on_device, operands, packets, devices)
+    return jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1).reshape(-1, *x.shape[2:])[:packets], results)
 
 
 def _draw(guide: Guide, number: Array, seed: Array, k: Array, count: int) -> Draw:

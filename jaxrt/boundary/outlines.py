@@ -17,15 +17,14 @@ from jaxrt.boundary.guiding import Draw, place, sample_guided
 from jaxrt.boundary.shadows import BEYOND, NUDGE, Plan, bins_for, occluder_anchors
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, edge_table, rim_at
 from jaxrt.boundary.view import project
-from jaxrt.materials import scatter
-from jaxrt.maths import dot, face_forward, normalize, safe_divide
+from jaxrt.maths import dot, normalize, safe_divide
 from jaxrt.native import once
-from jaxrt.path import Tables, Walk, _direct, _last_look, _see, tables_of
+from jaxrt.path import Tables, Walk, event_at, last_look, tables_of
 from jaxrt.pytree import pytree
 from jaxrt.records import Hit, Ray, Smooth, SurfacePoint
 from jaxrt.samplers import independent
 from jaxrt.scene import Scene
-from jaxrt.shapes import find, leave, surface_point
+from jaxrt.shapes import find, surface_point
 from jaxrt.shapes.sphere import sphere_error
 
 LIGHTS_ONLY = 16  # the outlines of lights alone get this part of the samples: they are few and smooth
@@ -150,21 +149,7 @@ def _radiance_from(plan: Plan, tables: Tables, draw: Draw, ray: Ray, hit: Hit, p
         first = k == 1
         here, there = jax.tree.map(lambda a, b: jnp.where(first, a, b), (hit, point), (here, there))
         u = tuple(x.astype(ones.dtype) for x in independent(draw.stream, k))
-        return _scatter_event(tables, walk, here, there, u), None
+        return event_at(tables, walk, here, there, u), None
 
     walk, _ = lax.scan(event, walk, jnp.arange(1, plan.max_depth + 1, dtype=jnp.int32))
-    return _last_look(tables, walk)
-
-
-def _scatter_event(tables: Tables, walk: Walk, hit: Hit, point: SurfacePoint, u: tuple[Array, ...]) -> Walk:
-    """Return the path after the event at a known surface point."""
-    walk = _see(tables, walk, hit)
-    wo = -walk.ray.direction
-    scattering = once(scatter)(tables.materials, point.material, point.shading, wo, (u[2], u[3]))
-    gathered = walk.radiance
-    if tables.lights is not None and scattering.albedo is not None:
-        lit = hit.valid & scattering.diffuse
-        direct = _direct(tables, point, face_forward(point.shading, wo), u[:2], False, lit)
-        gathered = gathered + jnp.where(lit, walk.throughput * scattering.albedo * direct, 0)
-    throughput = jnp.where(hit.valid, walk.throughput * scattering.weight, 0)
-    return Walk(once(leave)(point, scattering.direction), throughput, gathered, scattering.specular)
+    return last_look(tables, walk)

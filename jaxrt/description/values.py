@@ -67,6 +67,7 @@ def plain(value: Any) -> Any:
 
 
 def number(value: Any) -> float:
+    """Return `value` as a number that float32 can hold; complain of anything else."""
     value = plain(value)
     if isinstance(value, bool) or not isinstance(value, int | float):
         hint = "write it without quotes" if isinstance(value, str) else "write a number"
@@ -79,6 +80,7 @@ def number(value: Any) -> float:
 
 
 def count(value: Any) -> int:
+    """Return `value` as a whole number from 1 to COUNT_MAX; complain of anything else."""
     value = plain(value)
     if isinstance(value, bool) or not isinstance(value, int):
         raise complaint(f"{show(value)} is not a whole number: write an integer >= 1")
@@ -88,12 +90,14 @@ def count(value: Any) -> int:
 
 
 def string(value: Any) -> str:
+    """Return `value` as a name; complain of anything else."""
     if not isinstance(value, str):
         raise complaint(f"{show(value)} is not a name: write a string in quotes")
     return value
 
 
 def three(value: Any) -> tuple[Any, ...]:
+    """Return `value` as three values; complain of anything else."""
     value = plain(value)
     if not isinstance(value, list | tuple):
         raise complaint(f"{show(value)} is not a list: write three values in brackets")
@@ -103,6 +107,7 @@ def three(value: Any) -> tuple[Any, ...]:
 
 
 def tables(value: Any, info: ValidationInfo) -> tuple[Any, ...]:
+    """Return `value` as a tuple of tables; complain of a single one."""
     if isinstance(value, Mapping):
         raise complaint(f"a single table where many can be: write [[{info.field_name}]] with two brackets")
     if not isinstance(value, list | tuple):
