@@ -16,6 +16,8 @@ from jaxrt.samplers import SAMPLERS, Stream
 
 NATIVE_LANES = 1024  # packets of more lanes are not compiled as one native kernel
 
+_numbers = {name: jax.jit(sampler) for name, sampler in SAMPLERS.items()}  # traced once, though each event asks anew
+
 Operands = TypeVar("Operands")
 Totals = TypeVar("Totals")
 
@@ -64,7 +66,7 @@ def _sample(plan: Plan, tables: Tables, run: Run, sample: Array, attached: bool,
     stream = Stream(pixel, sample.astype(jnp.uint32), run.seed, run.spp.astype(jnp.uint32))
 
     def numbers(block: int | Array) -> tuple[Array, Array, Array, Array]:
-        a, b, c, d = SAMPLERS[plan.sampler](stream, block)
+        a, b, c, d = _numbers[plan.sampler](stream, jnp.int32(block))
         return a.astype(dtype), b.astype(dtype), c.astype(dtype), d.astype(dtype)
 
     jitter = numbers(0)
@@ -76,7 +78,7 @@ def draw_packets(f: Callable[[Operands, Array], Array], operands: Operands, size
     """Return the picture (height, width, 3) that the packets f(operands, packet) of shape (lanes, 3) make up."""
 
     def on_device(operands: Operands, packets: Array) -> Array:
-        return map_packets(f, operands, packets[0], _native(plan))[None]
+        return map_packets(f, operands, packets[0], is_native(plan))[None]
 
     return _picture(on_devices(on_device, operands, _count(size, plan), plan.devices), size, plan)
 
@@ -95,7 +97,7 @@ def sum_packets(
 
     def on_device(operands: Operands, packets: Array) -> list[Array]:
         # Surplus packets have no pixels in the picture, and their cotangents are 0
-        totals = fold_packets(add, operands, [nothing, nothing], packets[0], _native(plan))[0]
+        totals = fold_packets(add, operands, [nothing, nothing], packets[0], is_native(plan))[0]
         return [total[None] for total in totals]
 
     return [jnp.sum(total, axis=0) for total in on_devices(on_device, operands, _count(size, plan), plan.devices)]
@@ -116,7 +118,8 @@ def packets_of(picture: Array, plan: Plan) -> Array:
     return jnp.pad(packets, ((0, share * len(plan.devices) - rows * columns), (0, 0), (0, 0)))
 
 
-def _native(plan: Plan) -> bool:
+def is_native(plan: Plan) -> bool:
+    """Return whether the packets are narrow enough for one native kernel."""
     return plan.lanes <= NATIVE_LANES
 
 

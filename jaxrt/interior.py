@@ -13,12 +13,24 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.custom_derivatives import SymbolicZero
 
-from jaxrt.film import Plan, Run, draw_packets, kahan_add_all, packets_of, sample_packet, sum_packets
+from jaxrt.film import (
+    Plan,
+    Run,
+    draw_packets,
+    is_native,
+    kahan_add_all,
+    packets_of,
+    sample_packet,
+    sum_packets,
+)
 from jaxrt.linear import Leaves, Pair, Shapes, apply_linear
 from jaxrt.maths import kahan_add
-from jaxrt.native import program_on
+from jaxrt.native import in_turn, one_mesh, program_on
 from jaxrt.path import Tables
 
+# Derivatives of a batch that share one pass over the paths, forwards and backwards. Backwards the paths are the lesser
+# part, and packets of a batch too wide for a native kernel
+TOGETHER = (16, 1)
 # Parameters that light paths and light samples do not depend on: they keep the picture's own light samples
 _STILL = {"albedo", "intensity", "environment"}
 
@@ -30,12 +42,16 @@ def draw(tables: Tables, run: Run, gradient_run: Run, plan: Plan) -> Array:
     Derivatives hold the pixel's position, each light sample's place on its light and all discrete choices fixed; what
     moving visibility edges add is not in them.
     """
-    return _draw(tables, run, plan)
+    with one_mesh():
+        return _draw(tables, run, plan)
 
 
-@partial(jax.jit, static_argnums=2)  # so that it is traced once, though it occurs twice in a gradient
+@partial(jax.jit, static_argnums=2)
 def _draw(tables: Tables, run: Run, plan: Plan) -> Array:
-    return draw_packets(partial(_packet_sum, plan), (tables, run), _size(tables), plan)
+    def picture(tables: Tables, run: Run) -> Array:
+        return draw_packets(partial(_packet_sum, plan), (tables, run), _size(tables), plan)
+
+    return (in_turn(picture) if is_native(plan) else picture)(tables, run)
 
 
 @partial(draw.defjvp, symbolic_zeros=True)
@@ -95,7 +111,8 @@ def _pair(plan: Plan, structure: Any, size: tuple[int, int], shapes: Shapes, mov
         nothing = [jnp.zeros(value.shape, value.dtype) for value in shapes]
         return sum_packets(cotangent, (constants, packets_of(picture[0], plan)), nothing, size, plan)
 
-    return Pair(forward, transpose, shapes, (jax.ShapeDtypeStruct((size[1], size[0], 3), shapes[0].dtype),))
+    picture = jax.ShapeDtypeStruct((size[1], size[0], 3), shapes[0].dtype)
+    return Pair(forward, transpose, shapes, (picture,), TOGETHER)
 
 
 def _packet_sum(plan: Plan, operands: tuple[Tables, Run], packet: Array) -> Array:

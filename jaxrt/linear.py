@@ -14,8 +14,6 @@ from jax import Array, lax
 from jax.extend.core import ClosedJaxpr, Primitive
 from jax.interpreters import ad, batching, mlir
 
-TOGETHER = 16  # linear arguments of a batch that share one evaluation of what they have in common
-
 Leaves = list[Array]
 Shapes = tuple[jax.ShapeDtypeStruct, ...]
 
@@ -27,15 +25,17 @@ class Pair(NamedTuple):
     transpose: Callable[[Leaves, Leaves], Leaves]
     x: Shapes
     y: Shapes
+    together: tuple[int, int]  # how many arguments of a batch share one evaluation, forward and transposed
 
     def swapped(self) -> "Pair":
         """Return the transpose with its own transpose."""
-        return Pair(self.transpose, self.forward, self.y, self.x)
+        return Pair(self.transpose, self.forward, self.y, self.x, self.together[::-1])
 
     def of_many(self, n: int) -> "Pair":
         """Return the function of n linear arguments at once."""
         x, y = (tuple(jax.ShapeDtypeStruct((n, *one.shape), one.dtype) for one in side) for side in (self.x, self.y))
-        return Pair(_of_many(self.forward), _of_many(self.transpose), x, y)
+        forward, transpose = map(_of_many, (self.forward, self.transpose), self.together)
+        return Pair(forward, transpose, x, y, self.together)
 
 
 def apply_linear(pair: Pair, constants: Sequence[Array], x: Sequence[Array], devices: ClosedJaxpr) -> Leaves:
@@ -124,13 +124,13 @@ def _batch(
     return y, [0] * len(y)
 
 
-def _of_many(f: Callable[[Leaves, Leaves], Leaves]) -> Callable[[Leaves, Leaves], Leaves]:
-    """Return f for a batch of linear arguments, in groups that share the constants' work."""
+def _of_many(f: Callable[[Leaves, Leaves], Leaves], together: int) -> Callable[[Leaves, Leaves], Leaves]:
+    """Return f for a batch of linear arguments, in groups of `together` that share the constants' work."""
 
     def many(constants: Leaves, x: Leaves) -> Leaves:
-        if x[0].shape[0] <= TOGETHER:
+        if 1 < x[0].shape[0] <= together:
             return jax.vmap(lambda x: f(constants, x))(x)
-        return lax.map(lambda x: f(constants, x), x, batch_size=TOGETHER)
+        return lax.map(lambda x: f(constants, x), x, batch_size=together if together > 1 else None)
 
     return many
 

@@ -8,6 +8,7 @@ This file knows nothing of rendering.
 """
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from contextvars import ContextVar
 from functools import partial
 from typing import Any, TypeVar
@@ -15,9 +16,10 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
+from jax.custom_batching import sequential_vmap
 from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend.core import ClosedJaxpr
-from jax.sharding import Mesh, PartitionSpec
+from jax.sharding import Mesh, PartitionSpec, get_abstract_mesh, use_abstract_mesh
 
 Operands = TypeVar("Operands")
 Result = TypeVar("Result")
@@ -61,7 +63,8 @@ def _call(loop: Callable[[Operands, Array], Result], operands: Operands, packets
     def unpacked(parcels: dict[str, Array], packets: Array) -> tuple[Result, Array]:
         inside = _native.set(native)
         try:
-            result = loop(unpack(parcels), packets)
+            with one_mesh():
+                result = loop(unpack(parcels), packets)
         finally:
             _native.reset(inside)
         return result, jnp.stack([a[0].astype(jnp.float32) for a in (*parcels.values(), packets)])
@@ -98,6 +101,19 @@ def _spread(
     mesh = Mesh(devices, ("packets",))
     # Unchecked: the check wants every loop's start value marked as differing between devices
     return jax.shard_map(f, mesh=mesh, in_specs=(everywhere, spread), out_specs=spread, check_vma=False)
+
+
+def one_mesh() -> AbstractContextManager[None]:
+    """Return the context in which what has been traced once is found again.
+
+    JAX keeps traces by mesh, and takes no mesh and an empty one for two: derivatives are traced with the latter.
+    """
+    return use_abstract_mesh(get_abstract_mesh())
+
+
+def in_turn(f: Callable[..., Result]) -> Callable[..., Result]:
+    """Return f, whose batches run one after the other: side by side they would make too wide a native kernel."""
+    return sequential_vmap(f)
 
 
 def once(f: Callable[..., Result]) -> Callable[..., Result]:

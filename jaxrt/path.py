@@ -2,9 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
+import jax
 import jax.numpy as jnp
 from jax import Array, lax
+from jax.ad_checkpoint import checkpoint_name
 
 from jaxrt.camera import CameraFrame, camera_frame
 from jaxrt.lights import LightTable, emitted_radiance, light_table, sample_light, sample_light_attached
@@ -16,6 +19,7 @@ from jaxrt.records import Hit, Ray, SurfacePoint
 from jaxrt.scene import Scene
 from jaxrt.shapes import Geometry, Spheres, find, geometry_of, leave, occluded, surface_point
 
+_KEPT = "kept"  # name of what derivatives backwards keep of an event
 Numbers = Callable[[int | Array], tuple[Array, Array, Array, Array]]  # decision block -> four numbers in [0, 1)
 
 
@@ -93,14 +97,18 @@ def radiance(tables: Tables, ray: Ray, numbers: Numbers, max_depth: int, unroll:
         for k in range(1, max_depth + 1):
             walk = _event(tables, walk, numbers(k), attached)
     else:
-        blocks = jnp.arange(1, max_depth + 1)
-        walk, _ = lax.scan(lambda walk, k: (_event(tables, walk, numbers(k), attached), None), walk, blocks)
+        # Of each event, derivatives backwards keep the walk, what was hit and two numbers, and compute the rest again
+        @partial(jax.checkpoint, policy=jax.checkpoint_policies.save_only_these_names(_KEPT), prevent_cse=False)
+        def event(walk: Walk, k: Array) -> tuple[Walk, None]:
+            return _event(tables, walk, numbers(k), attached), None
+
+        walk, _ = lax.scan(event, walk, jnp.arange(1, max_depth + 1))
     return last_look(tables, walk)
 
 
 def _event(tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array], attached: bool) -> Walk:
     """Return the path one scattering event on."""
-    hit = once(find)(tables.geometry, walk.ray)
+    hit = checkpoint_name(once(find)(tables.geometry, walk.ray), _KEPT)
     return event_at(tables, walk, hit, once(surface_point)(tables.geometry, walk.ray, hit), u, attached)
 
 
@@ -110,7 +118,8 @@ def event_at(
     """Return the path after its event at the point where its ray meets what it hits. u: four numbers in [0, 1)."""
     walk = _see(tables, walk, hit)
     wo = -walk.ray.direction
-    scattering = once(scatter)(tables.materials, point.material, point.shading, wo, (u[2], u[3]))
+    choice = checkpoint_name((u[2], u[3]), _KEPT)
+    scattering = once(scatter)(tables.materials, point.material, point.shading, wo, choice)
     gathered = walk.radiance
     # Sample direct light
     if tables.lights is not None and scattering.albedo is not None:

@@ -16,7 +16,7 @@ from tests.oracle import unit_vectors
 
 U = 2.0**-24
 NODES, LEAVES, DEPTH = 512, 1300, 20
-PACKET = 64
+PACKET, RAYS = 64, 102_400
 
 
 def padded(vertices, faces):
@@ -36,25 +36,29 @@ def padded(vertices, faces):
 
 
 @jax.jit
-def _search(triangles, rays):
+def _search(triangles, rays, count):
     def packet(operands, k):
-        table, rays = operands
+        table, rays, count = operands
         rows = [lax.dynamic_slice_in_dim(x, k * PACKET, PACKET) for x in rays]
 
         def one(o, d, farthest):
             ray = Ray(o, d)
             return *find_triangle(table, ray, farthest), occluded_by_triangle(table, ray, farthest)
 
-        return jax.vmap(one)(*rows)
+        nothing = rows[2], jnp.full(PACKET, -1, jnp.int32), jnp.zeros(PACKET, bool)
+        return lax.cond(k < count, jax.vmap(one), lambda *_: nothing, *rows)
 
-    packets = jnp.arange(rays[2].shape[0] // PACKET, dtype=jnp.int32)
-    found = map_packets(packet, (triangle_table(triangles), rays), packets)
+    packets = jnp.arange(RAYS // PACKET, dtype=jnp.int32)
+    found = map_packets(packet, (triangle_table(triangles), rays, count), packets)
     return [x.reshape(-1) for x in found]
 
 
 def search(triangles, o, d, farthest):
-    """Return (distance, face, whether anything is hit) of rays (n, 3), n a multiple of 64."""
-    return [np.asarray(x) for x in _search(triangles, [jnp.asarray(x, jnp.float32) for x in (o, d, farthest)])]
+    """Return (distance, face, whether anything is hit) of rays (n, 3), n a multiple of 64 up to 102 400."""
+    n = len(farthest)
+    rays = [np.concatenate([x, np.zeros((RAYS - n, *x.shape[1:]), x.dtype)]) for x in map(np.asarray, (o, d, farthest))]
+    found = _search(triangles, [jnp.asarray(x, jnp.float32) for x in rays], jnp.int32(n // PACKET))
+    return [np.asarray(x)[:n] for x in found]
 
 
 def rays_at(rng, vertices, faces, n):

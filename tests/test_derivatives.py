@@ -135,8 +135,8 @@ def test_jvp_and_grad_and_jacrev_agree_with_jacfwd():
 
 
 def test_vmap_of_pictures_and_of_gradients():
-    """Equal to one after the other, to 1e-6."""
-    places = jnp.asarray([[[0.8, -0.3, 0.4]], [[-0.5, 0.2, 0.1]]], jnp.float32)
+    """Equal to one after the other, to 1e-6; of twenty scenes, which is more than a native kernel has room for."""
+    places = jnp.asarray(np.linspace([[0.8, -0.3, 0.4]], [[-0.5, 0.2, 0.1]], 20), jnp.float32)
 
     def loss(place):
         return jnp.sum(ball_picture(chosen() | {"lights.position": place}) ** 2)
@@ -224,14 +224,15 @@ def temporary(depth, spp=SPP):
 STATE = 16 * 8 * (4 * (6 + 3 + 3) + 1)  # bytes of a packet's paths: ray, throughput, radiance and a flag a lane
 
 
-def test_memory_does_not_grow_with_samples():
+def test_memory_does_not_grow_with_samples(figures):
     """Within 10 % from 16 to 1024 samples a pixel."""
-    assert temporary(2, 1024) < 1.1 * temporary(2)
+    growth = temporary(2, 1024) / temporary(2)
+    figures("X8", "memory of a gradient with 1024 samples, per that with 16", ours=growth, at_most=1.1)
 
 
-@pytest.mark.xfail(reason="an event leaves 9.9 packets' paths behind for the backward pass")
-def test_memory_grows_by_one_path_a_bounce():
-    assert temporary(8) - temporary(2) <= 6 * STATE
+def test_memory_grows_by_one_path_a_bounce(figures):
+    share = (temporary(8) - temporary(2)) / (6 * STATE)
+    figures("X8", "packets of paths that an event leaves for the backward pass", ours=share, at_most=1)
 
 
 def kernels(compiled):
@@ -267,7 +268,7 @@ def test_gradients_of_reads_are_sums_over_rows():
     np.testing.assert_array_equal(sum_of_rows(table, rows), expected)
 
 
-def test_sums_of_gradients_go_on_past_two_to_the_24():
+def test_sums_of_gradients_go_on_past_two_to_the_24(figures):
     """A plain float32 sum of ones stops at 16 777 216; here it is exact to 1e-6 (case R2)."""
     assert np.float32(2**24) + np.float32(1) == np.float32(2**24)
     # A wall that fills the view, and the sky behind the camera: every sample is the wall's albedo
@@ -290,3 +291,5 @@ def test_sums_of_gradients_go_on_past_two_to_the_24():
     samples = 512 * 512 * spp
     assert samples > 1.2 * 2**24
     np.testing.assert_allclose(gradient, [[0, 0, 0], [samples, 0, 0]], rtol=1e-6)
+    bad, error = (abs(float(x) / samples - 1) for x in (2**24, gradient[1, 0]))
+    figures("R2", "error of a gradient that sums 2.1e7 ones; naive: stops at 2²⁴", naive=bad, ours=error, at_most=1e-6)

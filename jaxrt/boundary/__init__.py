@@ -10,20 +10,20 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax import Array, lax
+from jax import Array
 
 from jaxrt.boundary.clearance import EdgeSamples, clearance_of, splat
 from jaxrt.boundary.outlines import camera_edges
 from jaxrt.boundary.shadows import Plan, shadow_edges
 from jaxrt.scene import Scene
+from jaxrt.sealed import sealed
 
 __all__ = ["EdgeSamples", "Plan", "clearance_of", "edge_tangent", "sample_edges", "splat"]
 
 
 @partial(jax.jit, static_argnames="plan")
 def sample_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
-    """Return samples of all edges that move, without derivative. seed: () uint32."""
-    scene = lax.stop_gradient(scene)
+    """Return samples of all edges that move. seed: () uint32."""
     return (*shadow_edges(scene, seed, plan), *camera_edges(scene, seed, plan))
 
 
@@ -33,7 +33,7 @@ def edge_tangent(scene: Scene, tangent: Any, seed: Array, plan: Plan) -> Array:
     tangent: as `jax.jvp` wants it, float0 for integers. Works under jit, vmap over tangents (which share the samples)
     and transposition; there is no second derivative.
     """
-    return _picture_change(scene, tangent, sample_edges(scene, seed, plan))
+    return _picture_change(scene, tangent, sealed(partial(sample_edges, plan=plan), scene, seed))
 
 
 @jax.jit

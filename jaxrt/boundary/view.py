@@ -33,5 +33,5 @@ def project(camera: CameraFrame, point: Array) -> Projection:
     row = jnp.minimum(y.astype(jnp.int32), camera.height - 1)
     # One pixel spans area · cos³θ steradian
     slant = safe_divide(safe_sqrt(dot(away, away)), jnp.where(ahead, depth, 1))
-    density = jnp.where(ahead, slant * slant * slant / area, 0)
+    density = jnp.where(ahead, safe_divide(slant * slant * slant, area), 0)
     return Projection(jnp.stack([x, y]), row * camera.width + column, inside, depth, density)

@@ -23,6 +23,11 @@ class Tree:
     nodes: int = static()
     depth: int = static()
 
+    @property
+    def leaves(self) -> int:
+        """Number of leaves."""
+        return (self.words.shape[-1] - self.nodes * NODE) // LEAF
+
 
 def tree_of(topology: Topology, corners: Array) -> Tree:
     """Return the tree around corners (f, 3, 3) where they are now. Runs once a render, in vector operations."""

@@ -46,7 +46,7 @@ def walk_together(
             sides += [least(least(a, b), c), most(most(a, b), c)]
         found = hull(*sides)
         ok = (found < jnp.iinfo(found.dtype).max) & (part(tree.words, at + 72) >= 0)
-        return jnp.sum(jnp.where(ok, 1 << lax.iota(jnp.int32, WIDTH), 0))
+        return jnp.sum(jnp.where(ok, 1 << lax.iota(jnp.int32, WIDTH), 0), dtype=jnp.int32)
 
     def distances(number: Array, slot: Array) -> Array:
         at = leaf_at(tree, number) + (slot & 7)

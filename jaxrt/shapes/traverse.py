@@ -22,6 +22,7 @@ from jaxrt.shapes.walk import RAY, part, ray_rows, walk_alone
 PACKET = 32  # lanes of a packet
 LOCKSTEP = 1024  # more lanes than that walk each on its own, all at the same time, as accelerators want it
 SPREAD = 0.5  # slopes of a packet differ by less than that
+ACROSS = 10  # on a tree of n leaves, a packet is no wider than this many sides of a leaf, √n of which span the tree
 LONELY = 4  # fewer lanes than that are not worth a packet
 ALONE = -2  # instead of a face: the ray is still to walk, by itself
 
@@ -92,8 +93,9 @@ def _packet_or_singles(any_hit: bool, tree: Tree, o: Array, d: Array, farthest: 
         return left & ~members, *lax.cond(worth, packet, later)
 
     alive = farthest > 0
-    near = (_spread(d, alive) < SPREAD) & (_spread(o, alive) < SPREAD * tree.reach)
-    start = alive & near, farthest, jnp.where(alive & ~near, ALONE, -1)
+    narrow = min(SPREAD, ACROSS / tree.leaves**0.5)
+    near = (_spread(d, alive) < narrow) & (_spread(o, alive) < narrow * tree.reach)
+    start = alive & near, farthest, jnp.where(alive & ~near, jnp.int32(ALONE), -1)
     found = lax.while_loop(lambda state: jnp.any(state[0]), group, start)[1:]
     return lax.cond(jnp.any(found[1] == ALONE), partial(_singles, any_hit, tree, o, d), lambda *found: found, *found)
 
