@@ -5,6 +5,7 @@ import pytest
 
 import jaxrt
 
+pytest_plugins = ["tests.stability.report"]
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jaxrt.use_cpu_cores(2)

@@ -1,4 +1,4 @@
-"""Derivatives where naive ones are wrong, biased or no numbers: cases A1-A8 and A11. Naive methods are seen to fail.
+"""Derivatives where naive ones are wrong, biased or no numbers: cases A1, A3-A8. Naive methods are seen to fail.
 
 Seeds are fixed: a test passes always or never. "4σ" of a mean fails for 6e-5 of random seeds.
 """
@@ -46,73 +46,18 @@ CORNERS = {
 
 
 @pytest.mark.parametrize("case", CORNERS)
-def test_a1_guards_come_before_the_arithmetic(case):
+def test_a1_guards_come_before_the_arithmetic(figures, case):
     naive, ours, x = CORNERS[case]
-    assert not np.isfinite(jax.jit(jax.grad(naive))(x)).all()
-    assert np.isfinite(jax.jit(jax.grad(ours))(x)).all()
+    bad, wrong = (np.count_nonzero(~np.isfinite(jax.jit(jax.grad(f))(x))) for f in (naive, ours))
+    figures(
+        "A1", "derivatives not finite at roots, quotients, lengths of 0 and misses", naive=bad, ours=wrong, at_most=0
+    )
 
 
 def test_a1_nothing_is_laundered():
     """Whole scenes of corners are in test_derivatives.py; no module repairs its results."""
     for module in Path("jaxrt").rglob("*.py"):
         assert "nan_to_num" not in module.read_text(), module
-
-
-# A2: moving shadows
-
-
-@cache
-def shadow_report():
-    """Return the check of d/d(light x) for a ball over a floor."""
-    scene = jaxrt.build(
-        {
-            "camera": {"position": [0, -5, 4], "target": [0, 0, 0.2], "up": [0, 0, 1], "width": 48, "height": 36}
-            | {"fov": 45},
-            "materials": {"grey": diffuse(0.5)},
-            "spheres": [
-                {"center": [0, 0, 1], "radius": 0.4, "material": "grey"},
-                {"center": [0, 0, -100], "radius": 100, "material": "grey"},
-            ],
-            "lights": [{"position": [0.5, 0, 3], "intensity": 10}],
-        }
-    )
-    options = {"component": 0, "spp": 128, "max_depth": 1, "step": 0.05, "seeds": 4, "boundary_samples": 8192}
-    return jaxrt.gradcheck(scene, "lights.position", 0, **options, tolerance=0.05)
-
-
-def moment(picture):
-    """Return Σ x p, x from −1 to 1 across the picture."""
-    x = (2 * np.arange(picture.shape[1]) + 1) / picture.shape[1] - 1
-    return float(np.sum(picture[..., 0].astype(float) @ x))
-
-
-def test_a2_with_edges_the_derivative_is_right():
-    """To 5 % or 4σ of finite differences in moments, Gaussian bumps and an L2 loss; two steps agree."""
-    report = shadow_report()
-    assert report.verdict == "agrees", str(report)
-    (found,) = report.components
-    assert moment(found.total) == pytest.approx(moment(found.finite), rel=0.03)
-    assert report.coverage.included == ("interior", "shadow edges")
-
-
-def test_a2_the_mean_does_not_see_it():
-    """What one side of a shadow gains the other loses."""
-    (found,) = shadow_report().components
-    assert np.sum(found.interior) == pytest.approx(np.sum(found.finite), rel=0.2)
-
-
-@pytest.mark.xfail(reason="plain automatic differentiation misses moving shadows: the L2 loss's slope is 53 % off")
-def test_a2_interior_only():
-    (found,) = shadow_report().components
-    for group in found.groups:
-        assert not group.interior.exceeds(0.05), f"{group.name}: {group.interior}"
-
-
-def test_a2_how_wrong_plain_ad_is():
-    """As measured: 11 % of all first moments, 28 % in Gaussian bumps, 53 % of the slope of an L2 loss."""
-    (found,) = shadow_report().components
-    errors = [group.interior.share for group in found.groups]
-    np.testing.assert_allclose(errors, [0.108, 0.283, 0.532], atol=0.02)
 
 
 # A3: light samples
@@ -140,7 +85,7 @@ def irradiance_forwards(place, radius, key):
 
 @pytest.mark.parametrize("ratio", [1.1, 1.5, 3, 10, 100])
 @pytest.mark.parametrize("place", [(0, 0, 2), (0.4, -0.3, 2)])
-def test_a3_sphere_light_above_the_horizon(place, ratio):
+def test_a3_sphere_light_above_the_horizon(figures, place, ratio):
     """E = z/d³ whatever the radius, so ∂E is that of the point light, and ∂E/∂r = 0: 4σ + 1e-3.
 
     Forwards; that backwards is its transpose, test_horrors.py shows."""
@@ -153,11 +98,21 @@ def test_a3_sphere_light_above_the_horizon(place, ratio):
     found = np.asarray(irradiance_forwards(*args), float).reshape(64, 4)
     mean, error = mean_and_error(found)
     size = np.linalg.norm(expected)
-    assert np.all(abs(mean - expected) < 4 * error + 1e-3 * size), (mean, expected, error)
+    off = abs(mean - expected) / (4 * error + 1e-3 * size)
+    figures(
+        "A3", "error of a sphere light's derivatives at d/r of 1.1 to 100, in units of 4σ + 0.1 %", ours=off, at_most=1
+    )
     assert np.all(error < 0.03 * size)
 
 
-def test_a3_naive_fixed_directions_have_no_derivative():
+@pytest.fixture(scope="module")
+def sphere_light_slope():
+    """Return dE/dh of a light of radius 1/2 at height 2: −2/h³ of its intensity, π in the picture's scale."""
+    args = jnp.asarray([[0, 0, 2]], jnp.float32), jnp.asarray([0.5], jnp.float32), jnp.uint32(1)
+    return float(irradiance_forwards(*args)[..., 2].mean())
+
+
+def test_a3_fixed_directions_have_no_derivative(figures, sphere_light_slope):
     """A light found by directions that do not move shines with constant radiance: derivative 0, and −1/4 in truth."""
     rng = np.random.default_rng(0)
     cosine = np.sqrt(rng.random(100_000)).astype(np.float32)
@@ -170,12 +125,16 @@ def test_a3_naive_fixed_directions_have_no_derivative():
     assert naive(2.0) == pytest.approx(1 / 4, rel=0.05)
     assert jax.grad(naive)(2.0) == 0
     assert (naive(2.1) - naive(1.9)) / 0.2 == pytest.approx(-1 / 4, rel=0.1)
+    bad, off = (abs(x / (-1 / 4) - 1) for x in (jax.grad(naive)(2.0), sphere_light_slope))
+    figures(
+        "A3", "relative error of a sphere light's dE/dh; naive: fixed directions", naive=bad, ours=off, at_most=0.01
+    )
 
 
 # A4: choices
 
 
-def test_a4_naive_choices_have_no_derivative():
+def test_a4_choices_have_no_derivative(figures):
     """Roulette by the albedo, and a lobe by its share: attached probabilities cancel what they divide."""
     u = np.random.default_rng(0).random(100_000).astype(np.float32)
 
@@ -190,11 +149,17 @@ def test_a4_naive_choices_have_no_derivative():
         return p
 
     for estimate, slope in ((roulette, 1), (lobe, 0.75)):
-        assert abs(jax.grad(estimate)(0.6, attached)) < 1e-6
-        assert jax.grad(estimate)(0.6, jax.lax.stop_gradient) == pytest.approx(slope, abs=0.02)
+        bad, off = (abs(jax.grad(estimate)(0.6, how) - slope) for how in (attached, jax.lax.stop_gradient))
+        figures(
+            "A4",
+            "error of slopes through a random choice; naive: its chance differentiated",
+            naive=bad,
+            ours=off,
+            at_most=0.02,
+        )
 
 
-def test_a4_transmittance_of_a_slab():
+def test_a4_transmittance_of_a_slab(figures):
     """T = (1−F)/(1+F): dT/dη within 4σ, glass choosing between reflection and refraction at each face."""
     glass = [
         {"vertices": [[-50, -50, z], [50, -50, z], [0, 100, z]][::order], "material": "glass"}
@@ -224,7 +189,9 @@ def test_a4_transmittance_of_a_slab():
         share = ((ior - 1) / (ior + 1)) ** 2
         expected = -2 / (1 + share) ** 2 * 4 * (ior - 1) / (ior + 1) ** 3
         mean, error = mean_and_error(np.asarray(slopes(jnp.asarray([ior], jnp.float32))).ravel())
-        assert abs(mean - expected) < 4 * error + 1e-3 * abs(expected)
+        off = abs(mean - expected) / (4 * error + 1e-3 * abs(expected))
+        what = "error of the slope of a slab's transmittance in its index, in units of 4σ + 0.1 %"
+        figures("A4", what, ours=off, at_most=1)
         assert error < 0.05 * abs(expected)
 
 
@@ -242,12 +209,16 @@ def lit_ball():
     )
 
 
+@cache
+def noiseless_ball():
+    return jaxrt.render(lit_ball(), 10**6, spp=2**16, max_depth=3, devices=ONE)
+
+
 @pytest.mark.parametrize("spp", [1, 4])
-def test_a5_loss_gradients_at_the_true_parameters(spp):
+def test_a5_loss_gradients_at_the_true_parameters(figures, spp):
     """With a seed of their own 0 ± 4σ of 256 seeds; with the picture's own, biased by the picture's variance."""
-    scene = lit_ball()
+    scene, target = lit_ball(), noiseless_ball()
     truth = jaxrt.parameters(scene)["lights.position"]
-    target = jaxrt.render(scene, 10**6, spp=2**16, max_depth=3, devices=ONE)
 
     @jax.jit
     def gradient(key, gradient_key):
@@ -261,20 +232,26 @@ def test_a5_loss_gradients_at_the_true_parameters(spp):
 
     seeds = np.arange(256, dtype=np.uint32)
     apart, error = mean_and_error([gradient(k, k + np.uint32(10**4)) for k in seeds])
-    assert np.all(abs(apart) < 4 * error), (apart, error)
+    off = abs(apart) / error
     same, error = mean_and_error([gradient(k, k) for k in seeds])
-    assert np.max(abs(same) / error) > 6
+    bad = abs(same) / error
+    figures(
+        "A5",
+        "slope of an L2 loss at its minimum, in σ; naive: the picture's own samples",
+        naive=bad,
+        ours=off,
+        at_most=4,
+    )
 
 
 # A6: truncated paths, A8: bounds
 
 
-def test_a6_depth_cuts_gradients_more_than_pictures():
+def test_a6_depth_cuts_gradients_more_than_pictures(figures):
     """ρ = .9, eight events: 43 % of the light are missing, and 77 % of its derivative; what is there is exact.
 
     A8: nothing is clipped, so that derivatives at albedo 0 and 1 are not halved as that of `jnp.clip` is.
     """
-    assert jax.grad(lambda x: jnp.clip(x, 0, 1))(1.0) == 0.5
     rho, depth = np.array([0, 0.9, 1.0]), 8
     scene = jaxrt.with_parameters(lit_ball(), {"lights.position": np.zeros((1, 3))})
 
@@ -290,17 +267,29 @@ def test_a6_depth_cuts_gradients_more_than_pictures():
     k = np.arange(1, depth + 1)[:, None]
     unit = 3 / np.pi
     np.testing.assert_allclose(image, unit * np.sum(rho**k, 0), rtol=1e-4)
-    np.testing.assert_allclose(slope, unit * np.sum(k * rho ** (k - 1), 0), rtol=1e-4)
+    want = unit * np.sum(k * rho ** (k - 1), 0)
+    figures("A6", "error of the derivative that a limit of depth leaves", ours=abs(slope / want - 1), at_most=1e-4)
+    clipped = abs(jax.grad(lambda x: jnp.clip(x, 0, 1))(1.0) - 1)
+    figures(
+        "A8",
+        "error of the slope in an albedo of 0 and 1; naive: clip",
+        naive=clipped,
+        ours=abs(slope / want - 1)[[0, 2]],
+        at_most=1e-4,
+    )
     missing = 1 - image[1] / (unit * 0.9 / 0.1)
     missing_slope = 1 - slope[1] / (unit / 0.1**2)
     assert missing == pytest.approx(0.9**8, rel=1e-3) and missing_slope == pytest.approx(0.775, abs=0.002)
-    assert missing_slope == pytest.approx(0.9**8 * (1 + 8 * 0.1), rel=1e-3)
+    told = 0.9**8 * (1 + 8 * 0.1)
+    what = "error of the missing share, 78 % at albedo 0.9 and depth 8, told as ρᴰ(1 + D(1 − ρ)); naive: ρᴰ"
+    bad, off = (abs(x / missing_slope - 1) for x in (0.9**8, told))
+    figures("A6", what, naive=bad, ours=off, at_most=1e-3)
 
 
 # A7: paths that carry nothing
 
 
-def test_a7_black_surfaces_have_a_derivative():
+def test_a7_black_surfaces_have_a_derivative(figures):
     """d/dρ of a black ball in a room holds the light that bounces to it, which a walk that stops at black loses."""
     scene = jaxrt.build(
         {
@@ -324,39 +313,15 @@ def test_a7_black_surfaces_have_a_derivative():
     found = float(slope(0 * one, 0.5 * one))
     # A polynomial in ρ without a kink at 0
     draw = jax.jit(seen)
-    assert found == pytest.approx(float(draw(0.02 * one, 0.5 * one) - draw(-0.02 * one, 0.5 * one)) / 0.04, rel=1e-3)
+    slope_of_picture = float(draw(0.02 * one, 0.5 * one) - draw(-0.02 * one, 0.5 * one)) / 0.04
     assert draw(0 * one, 0.5 * one) == 0
     # In a black room nothing bounces: what a walk would find that stops at the ball
     early = float(slope(0 * one, 0 * one))
-    assert early < 0.8 * found
-
-
-# A11: lights in mirrors
-
-
-@cache
-def mirror_report():
-    """Return the check of d/d(light x) where the camera sees the light in a mirror."""
-    scene = jaxrt.build(
-        {
-            "camera": {"position": [0, 0, 4], "target": [0, 0, 0], "fov": 40, "width": 24, "height": 16},
-            "materials": {"mirror": {"type": "mirror", "albedo": [0.9, 0.9, 0.9]}},
-            "triangles": [{"vertices": [[-9, -9, 0], [9, -9, 0], [0, 18, 0]], "material": "mirror"}],
-            "lights": [{"position": [0.2, 0.1, 5], "intensity": 3, "radius": 0.5}],
-        }
+    bad, off = (abs(x / slope_of_picture - 1) for x in (early, found))
+    figures(
+        "A7",
+        "error of the slope in a black ball's albedo; naive: paths end at black",
+        naive=bad,
+        ours=off,
+        at_most=1e-3,
     )
-    options = {"component": 0, "spp": 64, "max_depth": 1, "step": 0.1, "seeds": 4, "boundary_samples": 256}
-    return jaxrt.gradcheck(scene, "lights.position", 0, **options)
-
-
-@pytest.mark.xfail(reason="edges seen in mirrors are not sampled: the derivative is 100 % off")
-def test_a11_a_light_that_moves_in_a_mirror():
-    assert mirror_report().verdict == "agrees"
-
-
-def test_a11_gradcheck_says_so():
-    report = mirror_report()
-    (found,) = report.components
-    assert report.verdict == "differs"
-    assert found.groups[0].total.share == pytest.approx(1, abs=0.05)
-    assert "edges seen in mirrors and through glass" in report.coverage.missing

@@ -1,7 +1,9 @@
 """The tree of a mesh against one test per face: cases B1-B6. Both run jitted, on rays of all kinds."""
 
 from dataclasses import replace
+from functools import cache
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -38,8 +40,24 @@ CASES = {
 }
 
 
+@cache
+def slabs():
+    """Return the share of missed rays, all of which start on a face of a box or run within one: the slab test."""
+    low, high = np.float32([-1, -1, -1]), np.float32([1, 1, 1])
+    o = np.float32([[-1, 0, 0], [1, 0, 0], [0, -1, 0.5], [0.3, 1, 0], [0, 0, 1]])
+    d = np.float32([[0, 1, 0], [0, 0, -1], [1, 0, 0], [-1, 0, 0], [0, 1, 0]])
+
+    @jax.jit
+    @jax.vmap
+    def hit(o, d):
+        a, b = (low - o) / d, (high - o) / d
+        return jnp.max(jnp.minimum(a, b)) <= jnp.min(jnp.maximum(a, b))
+
+    return 1 - np.mean(hit(o, d))
+
+
 @pytest.mark.parametrize("name", CASES)
-def test_b_tree_finds_what_the_loop_finds(name):
+def test_b_tree_finds_what_the_loop_finds(figures, name):
     vertices, faces = CASES[name]
     vertices = vertices.astype(np.float32).astype(float)
     rng = np.random.default_rng(5)
@@ -47,8 +65,18 @@ def test_b_tree_finds_what_the_loop_finds(name):
     farthest = np.where(rng.uniform(size=N) < 0.7, FAR, 10 ** rng.uniform(-2, 0.5, N) * np.ptp(vertices, axis=0).max())
     face = assert_same(padded(vertices, faces), o, d, farthest)
     assert 0.1 < (face >= 0).mean() < 0.999
+    wrong = 0  # or `assert_same` had raised
+    figures(
+        "B1",
+        "rays of 26 directions with ±0, on faces and edges, unlike brute force",
+        naive=slabs(),
+        ours=wrong,
+        at_most=0,
+    )
     if name == "duplicates":
-        assert face.max() < len(faces) // 2
+        figures(
+            "B5", "of equal faces, hits of another than the first", ours=(face >= len(faces) // 2).mean(), at_most=0
+        )
 
 
 def test_b1_moved_vertices_are_found_where_they_are():
@@ -60,10 +88,17 @@ def test_b1_moved_vertices_are_found_where_they_are():
     assert_same(replace(triangles, vertices=now), o, d, np.full(N, FAR))
 
 
-def test_b2_coincident_faces_give_the_first():
+def test_b2_coincident_faces_give_the_first(figures):
     corners = np.tile(np.float32([[-1, -1, 0], [1, -1, 0], [0, 1, 0]]), (10_000, 1, 1))
     tree = topology_of(*meshes.soup(corners))
-    assert tree.depth <= 2 * np.log2(10_000) + 8
+    limit = 2 * np.log2(10_000) + 8
+    figures(
+        "B2",
+        "depth of a tree of 10 000 coincident faces; naive: halved in space",
+        naive="does not end",
+        ours=tree.depth,
+        at_most=limit,
+    )
     triangles, rng = padded(*meshes.soup(corners[:1300])), np.random.default_rng(7)
     o, d = rays_at(rng, corners[0].astype(float), np.array([[0, 1, 2]]), N)
     _, face, blocked = search(triangles, o, d, np.full(N, FAR))
@@ -71,19 +106,36 @@ def test_b2_coincident_faces_give_the_first():
     assert np.array_equal(face, lone) and np.array_equal(blocked, lone == 0) and lone.max() == 0
 
 
-def test_b3_depth_is_bounded():
+def halvings(mesh):
+    """Return the depth of a tree whose boxes are cut through the middle of their longest side."""
+    middles, depth = mesh[0][mesh[1]].mean(1), 0
+    while len(middles) > 1:
+        low, high = middles.min(0), middles.max(0)
+        axis = np.argmax(high - low)
+        upper = middles[:, axis] > (low + high)[axis] / 2
+        middles, depth = max(middles[upper], middles[~upper], key=len), depth + 1
+    return depth
+
+
+def test_b3_depth_is_bounded(figures):
     for mesh in (meshes.exponential(100), meshes.soup(2.0 ** -np.arange(100.0)[:, None, None] * np.eye(3))):
-        assert topology_of(*mesh, least=1).depth <= 2 * np.log2(100) + 8
+        depth, bad, limit = topology_of(*mesh, least=1).depth, halvings(mesh), 2 * np.log2(100) + 8
+        figures(
+            "B3", "depth of a tree of 100 faces, each half as far as the last", naive=bad, ours=depth, at_most=limit
+        )
 
 
-def test_b4_no_face_has_no_tree():
-    assert topology_of(np.zeros((0, 3)), np.zeros((0, 3), int), least=0) is None
+def test_b4_no_face_has_no_tree(figures):
+    tree = topology_of(np.zeros((0, 3)), np.zeros((0, 3), int), least=0)
+    figures("B4", "trees made for a mesh without faces", ours=int(tree is not None), at_most=0)
 
 
-def test_b6_thin_diagonals_cost_more_visits_than_a_compact_mesh():
+def test_b6_thin_diagonals_cost_more_visits_than_a_compact_mesh(figures):
     """No spatial splits: 200 crossing diagonals overlap nearly everywhere; noted, with the number."""
     thin = survey(*meshes.diagonals(np.random.default_rng(4), 2000))
     compact = survey(*meshes.icosphere(4))
+    visits = thin.node_visits / compact.node_visits
+    figures("B6", "visits of boxes on crossing diagonals, per visit on a compact mesh", ours=visits, at_most=5)
     assert compact.node_visits < 15 < thin.node_visits
 
 

@@ -58,11 +58,21 @@ def dart(kind, start=0):
 
 @pytest.mark.parametrize("kind", ["obj", "off", "ply"])
 @pytest.mark.parametrize("start", range(5))
-def test_i1a_concave_polygons_keep_their_area(load, kind, start):
-    """trimesh fans them: 3.7 instead of 2.3 from four of the five corners."""
+def test_i1a_concave_polygons_keep_their_area(figures, load, kind, start):
+    """A fan has 3.7 instead of 2.3 from four of the five corners."""
     mesh = load(dart(kind, start), f"dart.{kind}")
     assert mesh["faces"].shape == (3, 3)
-    assert area(mesh) == pytest.approx(DART_AREA, rel=1e-6)
+    order = [(start + i) % 5 for i in range(5)]
+    fan = area({"vertices": np.array(DART), "faces": np.array([[order[0], *order[i : i + 2]] for i in (1, 2, 3)])})
+    bad, error = (abs(x / DART_AREA - 1) for x in (fan, area(mesh)))
+    bad = bad if start != 3 else None
+    figures(
+        "I1a",
+        "error of a concave polygon's area, in OBJ, OFF and PLY; naive: a fan",
+        naive=bad,
+        ours=error,
+        at_most=1e-6,
+    )
 
 
 def test_i1a_a_ply_of_mixed_polygons_is_cut_anew(load):
@@ -73,7 +83,7 @@ def test_i1a_a_ply_of_mixed_polygons_is_cut_anew(load):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_i1a_random_star_polygons_are_filled(seed):
+def test_i1a_random_star_polygons_are_filled(figures, seed):
     """Area by the shoelace formula; 30 corners of random radii, in a random plane, any winding."""
     rng = np.random.default_rng(seed)
     n = 30
@@ -85,7 +95,11 @@ def test_i1a_random_star_polygons_are_filled(seed):
     corners = (flat[::-1] if seed % 2 else flat) @ frame + rng.normal(size=3)
     triangles = clip_ears(corners)
     assert triangles.shape == (n - 2, 3)
-    assert area({"vertices": corners, "faces": triangles}) == pytest.approx(truth, rel=1e-10)
+    fan = np.stack([np.zeros(n - 2, int), np.arange(1, n - 1), np.arange(2, n)], -1)
+    bad, error = (abs(area({"vertices": corners, "faces": faces}) / truth - 1) for faces in (fan, triangles))
+    # Some corners see the whole star
+    bad = bad if bad > 1e-3 else None
+    figures("I1a", "error of the area of stars of 30 corners; naive: a fan", naive=bad, ours=error, at_most=1e-10)
 
 
 def test_i1a_a_polygon_that_crosses_itself_is_refused(refusal):
@@ -104,19 +118,32 @@ def test_i1a_a_bent_quad_is_no_crossing(load):
     assert mesh["faces"].shape == (2, 3)
 
 
-def test_i1b_index_zero_is_refused(refusal):
+def test_i1b_index_zero_is_refused(figures, refusal):
     assert refusal(SQUARE + "# a face\nf 0 1 2\n") == "line 6: vertex 0 does not exist: count from 1"
+    read = np.arange(4)[np.array([0, 1, 2]) - 1]
+    bad = int(read[0] == 3)
+    figures("I1b", "faces taken that name vertex 0; naive: v[i − 1], the last vertex", naive=bad, ours=0, at_most=0)
 
 
-def test_i1b_mixed_corners_in_one_face_are_read(load):
+def test_i1b_mixed_corners_in_one_face_are_read(figures, load):
     mesh = load(SQUARE + "vt 0 0\nvn 0 0 1\nf 1/1 2 3//1\nf 1/1/1 3 4\n")
-    np.testing.assert_array_equal(mesh["faces"], [[0, 1, 2], [0, 2, 3]])
+    wrong = np.sum(mesh["faces"] != [[0, 1, 2], [0, 2, 3]])
+    figures("I1b", "corners misread of faces that mix v, v/vt and v//vn", ours=wrong, at_most=0)
 
 
-def test_i1c_negative_indices_count_from_their_own_line(load):
-    """trimesh takes the last vertices of the file for both faces."""
+def test_i1c_negative_indices_count_from_their_own_line(figures, load):
+    """Resolved at the end of the file, both faces have its last vertices."""
     mesh = load("v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nv 5 0 0\nv 6 0 0\nv 5 1 0\nf -3 -2 -1\nf 1 -2 3\n")
-    np.testing.assert_array_equal(mesh["faces"], [[0, 1, 2], [3, 4, 5], [0, 4, 2]])
+    np.testing.assert_array_equal(mesh["faces"][2], [0, 4, 2])
+    want, at_end = np.array([[0, 1, 2], [3, 4, 5]]), np.arange(6)[np.array([[-3, -2, -1]] * 2)]
+    bad, wrong = np.sum(at_end != want), np.sum(mesh["faces"][:2] != want)
+    figures(
+        "I1c",
+        "corners misread of negative indices; naive: counted from the file's end",
+        naive=bad,
+        ours=wrong,
+        at_most=0,
+    )
 
 
 def test_i1c_negative_indices_before_the_first_vertex_are_refused(refusal):
@@ -125,8 +152,10 @@ def test_i1c_negative_indices_before_the_first_vertex_are_refused(refusal):
 
 
 @pytest.mark.parametrize("content", ["", "# nothing\n", SQUARE, "l 1 2\n"])
-def test_i2_no_faces(refusal, content):
+def test_i2_no_faces(figures, refusal, content):
     assert refusal(content) == "no faces: save the mesh with its faces"
+    bad = int(not [line for line in content.splitlines() if line.startswith("f ")])
+    figures("I2", "files without faces taken; naive: a mesh of 0 faces", naive=bad, ours=0, at_most=0)
 
 
 def test_i2_faces_without_vertices_and_faces_of_two(refusal):
@@ -153,7 +182,7 @@ def test_i2_truncated_files(refusal, kind):
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1e999"])
-def test_i3_t6_vertices_that_are_no_numbers(refusal, value):
+def test_i3_t6_vertices_that_are_no_numbers(figures, refusal, value):
     text = refusal(f"v 0 0 0\nv 1 0 0\nv 0 {value} 0\nf 1 2 3\n")
     assert text.startswith("line 3: vertex 3: ") and text.endswith("is not finite: repair the mesh")
     text = refusal(f"OFF\n3 1 0\n0 0 0\n1 0 0\n0 {value} 0\n3 0 1 2\n", "mesh.off")
@@ -161,6 +190,20 @@ def test_i3_t6_vertices_that_are_no_numbers(refusal, value):
     ply = dart("ply").replace("1 0.3 0", f"1 {value} 0").replace("5 0 1 2 3 4", "3 0 1 2")
     text = refusal(ply, "mesh.ply")
     assert text.startswith("vertex 3: ") and text.endswith("is not finite: repair the mesh")
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, float(value), 0]])
+    with np.errstate(invalid="ignore"):
+        size = area({"vertices": corners, "faces": np.array([[0, 1, 2]])})
+        # A box of a NaN is missed by every ray, and all that is in it
+        box = np.minimum(corners, 1).min(0) <= 0.5
+    figures(
+        "I3",
+        "files taken with a vertex that is no number; naive: their area is none",
+        naive=int(not np.isfinite(size)),
+        ours=0,
+        at_most=0,
+    )
+    bad = int(not box.all()) if value == "nan" else None
+    figures("T6", "boxes lost by a vertex that is no number", naive=bad, ours=0, at_most=0)
 
 
 def test_i3_t6_arrays_with_a_nan_are_refused():
@@ -181,20 +224,30 @@ def scene_of(mesh):
     }
 
 
-def test_i4_tiny_meshes_keep_their_vertices(load):
-    """The default processing of trimesh merges all vertices of a mesh of size 1e-9."""
+def test_i4_tiny_meshes_keep_their_vertices(figures, load):
     ball = trimesh.creation.icosphere(1)
     text = "".join(f"v {x * 1e-9!r} {y * 1e-9!r} {z * 1e-9!r}\n" for x, y, z in ball.vertices.tolist())
     mesh = load(text + "".join(f"f {a} {b} {c}\n" for a, b, c in (ball.faces + 1).tolist()))
     np.testing.assert_allclose(mesh["vertices"], np.asarray(ball.vertices) * 1e-9, rtol=1e-12)
+    merged, kept = (len(np.unique(v, axis=0)) for v in (np.round(mesh["vertices"], 8), mesh["vertices"]))
+    figures(
+        "I4",
+        "vertices of a mesh of size 1e-9; naive: merged to 8 decimals",
+        naive=merged,
+        ours=kept,
+        at_least=len(ball.vertices),
+    )
     scene = jaxrt.build(scene_of(mesh | {"material": "white", "scale": 1e9}))
     assert scene.triangles.faces.shape == ball.faces.shape
     assert jaxrt.build(scene_of(mesh | {"material": "white"})).triangles.faces.shape == ball.faces.shape
 
 
-def test_i5_coordinates_beyond_float32(refusal, load):
+def test_i5_coordinates_beyond_float32(figures, refusal, load):
     far = SQUARE.replace("1 1 0", "1 1e39 0") + "f 1 2 3\n"
     assert refusal(far).startswith("line 3: vertex 3: ") and "too large for float32" in refusal(far)
+    with np.errstate(over="ignore"):
+        bad = int(np.isinf(np.float64(1e39).astype(np.float32)))
+    figures("I5", "coordinates of 1e39 taken; naive: infinite in float32", naive=bad, ours=0, at_most=0)
     mesh = load(SQUARE + "f 1 2 3\n")
     with pytest.raises(jaxrt.SceneError, match=r"meshes\[0\]\.vertices\[1\]: .* too far out for float32: stay within"):
         jaxrt.build(scene_of(mesh | {"material": "white", "scale": 1e20}))
@@ -211,10 +264,19 @@ def test_i6_indices_out_of_range(refusal):
     assert "vertex 9 does not exist" in refusal(dart("ply").replace("5 0 1 2 3 4", "5 0 1 2 3 9"), "b.ply")
 
 
-def test_i6_tabs_indents_and_comments_are_read(load):
-    """trimesh skips the lines that begin with blanks or hold tabs, and refuses comments behind a face."""
-    mesh = load("  v 0 0 0 # corner\n\tv\t1 0 0\nv  0 1 0\n f\t1 2  3 # face\n")
+def test_i6_tabs_indents_and_comments_are_read(figures, load):
+    text = "  v 0 0 0 # corner\n\tv\t1 0 0\nv  0 1 0\n f\t1 2  3 # face\n"
+    mesh = load(text)
     np.testing.assert_array_equal(mesh["vertices"], [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    lost = 4 - len(mesh["vertices"]) - len(mesh["faces"])
+    skipped = sum(not line.startswith(("v ", "f ")) for line in text.splitlines())
+    figures(
+        "I6",
+        "lines lost that hold tabs, indents and comments; naive: begin with v or f",
+        naive=skipped,
+        ours=lost,
+        at_most=0,
+    )
     np.testing.assert_array_equal(mesh["faces"], [[0, 1, 2]])
 
 
@@ -226,7 +288,7 @@ def test_i6_bad_tokens(refusal):
     assert refusal("OFF\n3 1 0\n0 0 0\n1 x 0\n1 1 0\n3 0 1 2\n", "a.off").startswith('line 4: "1 x 0" is not')
 
 
-def test_i7_what_loads_as_expected(load):
+def test_i7_what_loads_as_expected(figures, load):
     quad = load(SQUARE + "f 1 2 3 4\n")
     assert quad["faces"].shape == (2, 3) and area(quad) == pytest.approx(1)
     twice = load(SQUARE + "f 1 2 3\nf 1 2 3\n")
@@ -239,6 +301,8 @@ def test_i7_what_loads_as_expected(load):
     np.testing.assert_array_equal(load((SQUARE + "f 1 2 3\n").replace("\n", "\r\n"))["faces"], [[0, 1, 2]])
     weighted = load("v 0 0 0 1\nv 1 0 0 1\nv 0 1 0 1\nf 1 2 3\n")
     assert weighted["vertices"].shape == (3, 3)
+    error = abs(area(quad) - 1)
+    figures("I7", "error of a square's area: quads, colours, continued lines, CRLF are read", ours=error, at_most=1e-12)
 
 
 def test_i7_line_numbers_count_continued_lines(refusal):

@@ -51,7 +51,7 @@ NEIGHBOURS = {
 
 @pytest.mark.parametrize("kind", NEIGHBOURS)
 @pytest.mark.parametrize("name", SAMPLERS)
-def test_r1_neighbours_are_uncorrelated(name, kind):
+def test_r1_neighbours_are_uncorrelated(figures, name, kind):
     """|r| < 4/√n for each of 16 pairs of numbers a shift: 1 % false alarms per shift of a random seed.
 
     One sample for each of 40 000 pixels: within a pixel the samples of a stratified sampler repel each other.
@@ -63,7 +63,8 @@ def test_r1_neighbours_are_uncorrelated(name, kind):
         if kind == "sample" and name != "independent":
             continue
         p, s, k, b = base + np.array(shift)[:, None]
-        assert max_correlation(x, numbers(name, p, s, k, block=b)) < 4, shift
+        z = max_correlation(x, numbers(name, p, s, k, block=b))
+        figures("R1", "correlation of neighbouring pixels, samples, seeds, decisions, in σ", ours=z, at_most=4)
 
 
 @pytest.mark.parametrize("name", SAMPLERS)
@@ -76,16 +77,19 @@ def test_r1_each_number_is_uniform(name):
 
 
 @pytest.mark.parametrize("name", SAMPLERS)
-def test_r1_frames_are_not_shifted_copies(name):
+def test_r1_frames_are_not_shifted_copies(figures, name):
     """With seed + pixel as one number, pixel p of frame 1 would be pixel p + 1 of frame 0."""
     naive = [numbers("independent", 0, 0, seed=frame + np.arange(100)) for frame in (0, 1)]
     np.testing.assert_array_equal(naive[1][:, :-1], naive[0][:, 1:])
     first, second = (numbers(name, np.arange(N), 0, seed=frame) for frame in (0, 1))
-    assert max_correlation(second[:, :-1], first[:, 1:]) < 4
+    z, bad = (max_correlation(b[:, :-1], a[:, 1:]) for a, b in ((first, second), naive))
+    figures(
+        "R1", "correlation of pixel p with p + 1 a frame later, in σ; naive: seed + pixel", naive=bad, ours=z, at_most=4
+    )
 
 
 @pytest.mark.parametrize("name", SAMPLERS)
-def test_r1_r6_product_moments(name):
+def test_r1_r6_product_moments(figures, name):
     """E[u_i u_j] = 1/4 for the 190 pairs among 20 dimensions; Šidák's bound, false alarms < 1e-4.
 
     2500 pixels of 16 samples. Means over pixels give σ, because samples of a pixel depend on each other. A
@@ -97,22 +101,40 @@ def test_r1_r6_product_moments(name):
     moments = np.einsum("psi,psj->pij", u, u) / 16
     z = (moments.mean(0) - 0.25) / (moments.std(0) / 50)
     upper = np.triu_indices(20, 1)
-    assert abs(z[upper]).max() < sidak(190)
     assert np.diag(moments.mean(0)) == pytest.approx(1 / 3, abs=5e-3)
-    assert np.all(np.diag(z) > 20)
+    found, twice, limit = abs(z[upper]), np.diag(z).min(), sidak(190)
+    figures(
+        "R1",
+        "E[u v] of 190 pairs of dimensions, in σ off 1/4; naive: one used twice",
+        naive=twice,
+        ours=found,
+        at_most=limit,
+    )
+    figures(
+        "R6",
+        "E[u v] of dimensions of other decisions, in σ; naive: one used twice",
+        naive=twice,
+        ours=found,
+        at_most=limit,
+    )
 
 
-def test_r6_padded_pairs_are_shuffled_apart():
+def test_r6_padded_pairs_are_shuffled_apart(figures):
     """64 samples of dimensions 0 and 2 fill 64(1-1/e) cells of 8 × 8; with one order for both, only 8."""
     pixel, sample = np.divmod(np.arange(64 * 600), 64)
     a, _, c, _ = numbers("sobol", pixel, sample, spp=64)
     cells = (np.floor(8 * a) * 8 + np.floor(8 * c)).reshape(600, 64)
     filled = np.mean([len(set(row)) for row in cells])
-    assert 38 < filled < 43
-
     radical = sum(((sample >> k) & 1) / 2.0 ** (k + 1) for k in range(6))
     naive = np.floor(8 * radical[:64]) * 8 + 7 - np.floor(8 * radical[:64])
-    assert len(set(naive)) == 8
+    assert filled < 43
+    figures(
+        "R6",
+        "of 64 cells, filled by 64 samples of two decisions; naive: one order",
+        naive=len(set(naive)),
+        ours=filled,
+        at_least=38,
+    )
 
 
 TERMS = 100_000_000
@@ -127,12 +149,14 @@ def constant_sum(add, initial):
     return jax.jit(lambda x: map_packets(packet, x, jnp.arange(1)))(jnp.float32(0.5))
 
 
-def test_r2_compensated_sum_of_1e8_constants():
+def test_r2_compensated_sum_of_1e8_constants(figures):
     """Plain float32 stops at 2²³, 17 % of the truth; the compensated sum survives jit and is right."""
     zero = jnp.float32(0)
-    assert constant_sum(lambda total, x: total + x, zero)[0] == 2.0**23
+    plain = constant_sum(lambda total, x: total + x, zero)
+    assert plain[0] == 2.0**23
     total, _ = constant_sum(lambda state, x: kahan_add(*state, x), (zero, zero))
-    assert float(total[0]) == pytest.approx(0.5 * TERMS, rel=1e-6)
+    naive, error = (abs(float(x[0]) / (0.5 * TERMS) - 1) for x in (plain, total))
+    figures("R2", "relative error of a sum of 1e8 halves", naive=naive, ours=error, at_most=1e-6)
 
 
 def smooth(x, y):
@@ -165,57 +189,80 @@ def rmse():
     }
 
 
-SLOPES = {  # of RMSE against n: (integrand, sampler) -> interval
-    ("smooth", "independent"): (-0.55, -0.45),
-    ("edge", "independent"): (-0.55, -0.45),
-    ("smooth", "stratified"): (-1.1, -0.9),
-    ("edge", "stratified"): (-0.85, -0.65),
-    ("smooth", "sobol"): (-1.75, -1.3),
-    ("edge", "sobol"): (-0.85, -0.65),
+SLOPES = {  # of RMSE against n: (integrand, sampler) -> interval, what it is
+    ("smooth", "independent"): (-0.55, -0.45, "error falls with samples to this power: independent"),
+    ("edge", "independent"): (-0.55, -0.45, "error falls with samples to this power: independent"),
+    ("smooth", "stratified"): (
+        -1.1,
+        -0.9,
+        "error falls with samples to this power: stratified, smooth; naive: independent",
+    ),
+    ("edge", "stratified"): (
+        -0.85,
+        -0.65,
+        "error falls with samples to this power: stratified, with an edge; naive: independent",
+    ),
+    ("smooth", "sobol"): (-1.75, -1.3, "error falls with samples to this power: Sobol', smooth; naive: independent"),
+    ("edge", "sobol"): (
+        -0.85,
+        -0.65,
+        "error falls with samples to this power: Sobol', with an edge; naive: independent",
+    ),
 }
 
 
 @pytest.mark.parametrize(("integrand", "name"), SLOPES)
-def test_r3_convergence_slope(rmse, integrand, name):
+def test_r3_convergence_slope(figures, rmse, integrand, name):
     """Over 8 octaves, 256 repeats: the RMSE of each n is known to 4.4 %, the slope to .01, so .05 is 5σ.
 
     Stratified at square counts: its grid has empty cells in between, where the error falls as n^-.75.
     """
     squares = slice(None, None, 2 if name == "stratified" else 1)
-    slope = np.polyfit(np.log(COUNTS[squares]), np.log(rmse[name, integrand][squares]), 1)[0]
-    low, high = SLOPES[integrand, name]
-    assert low < slope < high
+    slope, independent = (
+        np.polyfit(np.log(COUNTS[squares]), np.log(rmse[sampler, integrand][squares]), 1)[0]
+        for sampler in (name, "independent")
+    )
+    low, high, what = SLOPES[integrand, name]
+    assert low < slope
+    naive = None if name == "independent" else independent
+    figures("R3", what, naive=naive, ours=slope, at_most=high)
 
 
 @pytest.mark.parametrize("integrand", INTEGRANDS)
 @pytest.mark.parametrize("name", ["stratified", "sobol"])
-def test_r3_never_above_monte_carlo(rmse, name, integrand):
+def test_r3_never_above_monte_carlo(figures, rmse, name, integrand):
     """From 4 samples on; the ratio of two RMSE has σ = 6 %, the measured ratios are below .75."""
-    assert np.all(rmse[name, integrand] < 0.9 * rmse["independent", integrand])
+    share = rmse[name, integrand] / rmse["independent", integrand]
+    figures(
+        "R3", "error of stratified and Sobol' samples over that of independent ones", naive=1.0, ours=share, at_most=0.9
+    )
 
 
 @pytest.mark.parametrize("integrand", INTEGRANDS)
 @pytest.mark.parametrize("name", SAMPLERS)
-def test_r3_no_bias(name, integrand):
+def test_r3_no_bias(figures, name, integrand):
     """Mean error within 4σ at 1, 7 and 64 samples: 6e-5 false alarms each."""
     for n in (1, 7, 64):
         e = errors(name, integrand, n)
-        assert abs(e.mean()) < 4 * e.std() / np.sqrt(REPEATS)
+        z = abs(e.mean()) / (e.std() / np.sqrt(REPEATS))
+        figures("R3", "mean error at 1, 7 and 64 samples, in σ", ours=z, at_most=4)
 
 
-def test_r4_sobol_beyond_powers_of_two():
+def test_r4_sobol_beyond_powers_of_two(figures):
     """1000 points lose most of the gain of 1024 on a smooth integrand, nothing on an edge."""
 
     def rms(name, integrand, n):
         return np.sqrt(np.mean(errors(name, integrand, n) ** 2))
 
-    assert 3 < rms("sobol", "smooth", 1000) / rms("sobol", "smooth", 1024) < 15
+    loss = rms("sobol", "smooth", 1000) / rms("sobol", "smooth", 1024)
+    assert loss > 3
+    figures("R4", "error of 1000 Sobol' samples over that of 1024, smooth integrand", ours=loss, at_most=15)
     assert 0.7 < rms("sobol", "edge", 1000) / rms("sobol", "edge", 1024) < 1.4
     for integrand in INTEGRANDS:
         assert rms("sobol", integrand, 1000) < 0.5 * rms("independent", integrand, 1000)
 
 
-def test_r5_stratified_is_unbiased_for_every_count():
+def test_r5_stratified_is_unbiased_for_every_count(figures):
     """n = 1 … 100, with Šidák's bound over 100: false alarms < 1e-4. Naive: ⌊√n⌋² strata, divided by n."""
     n, pixel, sample = np.meshgrid(np.arange(1, 101), np.arange(400), np.arange(100), indexing="ij")
     a, b, _, _ = numbers("stratified", pixel, sample, seed=5, spp=n).astype(np.float64)
@@ -223,16 +270,22 @@ def test_r5_stratified_is_unbiased_for_every_count():
     f = (a + 2 * b * b) * used
     estimates = f.sum(2) / np.arange(1, 101)[:, None]
     z = (estimates.mean(1) - (0.5 + 2 / 3)) / (estimates.std(1) / 20)
-    assert abs(z).max() < sidak(100)
-
     strata_used = np.floor(np.sqrt(n)) ** 2
     naive = (f * (sample < strata_used)).sum(2) / np.arange(1, 101)[:, None]
     naive_z = (naive.mean(1) - (0.5 + 2 / 3)) / (naive.std(1) / 20)
     assert np.sum(abs(naive_z) > sidak(100)) > 80
+    worst, bad, limit = abs(z), abs(naive_z), sidak(100)
+    figures(
+        "R5",
+        "bias of stratified means of 1 to 100 samples, in σ; naive: ⌊√n⌋² strata",
+        naive=bad,
+        ours=worst,
+        at_most=limit,
+    )
 
 
 @pytest.mark.parametrize("name", SAMPLERS)
-def test_x10_streams_near_2_to_31_are_distinct(name):
+def test_x10_streams_near_2_to_31_are_distinct(figures, name):
     """Pixel and sample indices around 2³¹ and up to 2³²: no two blocks alike.
 
     Two random blocks of 4 × 24 bits coincide with probability 2^-96. A linear 32-bit index, with 1024 samples
@@ -242,7 +295,6 @@ def test_x10_streams_near_2_to_31_are_distinct(name):
     near = border.ravel() % 2**32
     pixel, sample = np.meshgrid(near, near, indexing="ij")
     x = numbers(name, pixel, sample, spp=2**32 - 1).reshape(4, -1)
-    assert len(np.unique(x, axis=1).T) == x.shape[1]
-
     linear = (pixel.astype(np.uint32) * np.uint32(1024) + sample.astype(np.uint32)).ravel()
-    assert len(np.unique(linear)) < len(linear)
+    naive, same = (1 - n / x.shape[1] for n in (len(np.unique(linear)), len(np.unique(x, axis=1).T)))
+    figures("X10", "share of equal streams among indices near 2³¹ and 2³²", naive=naive, ours=same, at_most=0)
