@@ -13,7 +13,7 @@ from mitsuba_side import NO_ROULETTE, scene_of
 INTEGRATORS = ("path", "direct_projective", "prb", "prb_projective")
 
 
-def derivative(mi, dr, scene, integrator, axis):
+def derivative(mi, dr, scene, integrator, axis, spp=1024, seed=1):
     """Return the derivative picture with respect to one coordinate of the light, by forward differentiation."""
     parameters = mi.traverse(scene)
     (name,) = (key for key in parameters.keys() if key.endswith("position") and "light" in key)
@@ -22,12 +22,19 @@ def derivative(mi, dr, scene, integrator, axis):
     start = mi.Point3f(parameters[name])
     parameters[name] = start + shift * mi.Vector3f(*np.eye(3)[axis].tolist())
     parameters.update()
-    dr.forward(shift, dr.ADFlag.ClearEdges)
-    picture = mi.render(scene, parameters, integrator=integrator, spp=1024, seed=1)
-    answer = np.array(dr.forward_to(picture))
-    parameters[name] = start
-    parameters.update()
-    return answer.tolist()
+    try:
+        dr.forward(shift, dr.ADFlag.ClearEdges)
+        picture = mi.render(scene, parameters, integrator=integrator, spp=spp, seed=seed)
+        return np.array(dr.forward_to(picture))
+    finally:
+        parameters[name] = start
+        parameters.update()
+
+
+def integrator_of(mi, name):
+    """Return an integrator of direct light."""
+    depth = {} if "direct" in name else {"max_depth": 2, "rr_depth": NO_ROULETTE}
+    return mi.load_dict({"type": name, **depth})
 
 
 def main():
@@ -43,10 +50,9 @@ def main():
     scene = scene_of(mi, options.scene, options)
     answers = {}
     for name in INTEGRATORS:
-        depth = {} if "direct" in name else {"max_depth": 2, "rr_depth": NO_ROULETTE}
-        integrator = mi.load_dict({"type": name, **depth})
+        integrator = integrator_of(mi, name)
         try:
-            answers[name] = [derivative(mi, dr, scene, integrator, axis) for axis in range(3)]
+            answers[name] = [derivative(mi, dr, scene, integrator, axis).tolist() for axis in range(3)]
         except Exception as error:  # what it says is the answer
             answers[name] = f"raises {type(error).__name__}"
     print(json.dumps(answers))

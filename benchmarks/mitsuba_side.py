@@ -61,6 +61,17 @@ def triangle_of(mi, vertices, bsdf):
     return mesh
 
 
+def mesh_of(mi, mesh, folder, bsdf):
+    """Return the mesh, of flat faces, of a `[[meshes]]` table that names a Wavefront file: scaled, turned, moved."""
+    turn = mi.ScalarTransform4f()
+    for axis, angle in zip(np.eye(3).tolist(), mesh.get("rotate", [0, 0, 0]), strict=True):
+        turn = mi.ScalarTransform4f().rotate(axis, angle) @ turn
+    scale = mi.ScalarTransform4f().scale(mesh.get("scale", 1))
+    place = mi.ScalarTransform4f().translate(mesh.get("translate", [0, 0, 0])) @ turn @ scale
+    file = str(folder / mesh["file"])
+    return {"type": "obj", "filename": file, "face_normals": True, "to_world": place, "bsdf": bsdf}
+
+
 def light_of(mi, light):
     """Return the dict of a point light, or of a black sphere of radiance intensity / (π r²)."""
     radius = light.get("radius", 0)
@@ -73,7 +84,7 @@ def light_of(mi, light):
     return sphere_of(mi, light["position"], radius, emitter=emitter, bsdf=black)
 
 
-def sensor_of(mi, camera, width, height):
+def sensor_of(mi, camera, width, height, sampler="independent"):
     """Return the dict of a pinhole camera with vertical fov and a box-filtered linear RGB film.
 
     `look_at` hides Mitsuba's left-handed camera axes: for a view along -z the world's +x is on the right.
@@ -91,7 +102,7 @@ def sensor_of(mi, camera, width, height):
         "near_clip": 1e-3,
         "far_clip": 1e6,
         "film": film,
-        "sampler": {"type": "independent"},
+        "sampler": {"type": sampler},
     }
 
 
@@ -104,7 +115,7 @@ def scene_of(mi, path, options):
     scene = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": depth + 1, "rr_depth": NO_ROULETTE},
-        "sensor": sensor_of(mi, camera, *size),
+        "sensor": sensor_of(mi, camera, *size, getattr(options, "sampler", "independent")),
     }
     bsdfs = {name: bsdf_of(material) for name, material in text.get("materials", {}).items()}
     scene |= {f"material_{name}": bsdf for name, bsdf in bsdfs.items()}
@@ -113,6 +124,8 @@ def scene_of(mi, path, options):
         scene[f"sphere_{i}"] = sphere_of(mi, sphere["center"], sphere["radius"], bsdf=reference)
     for i, triangle in enumerate(text.get("triangles", [])):
         scene[f"triangle_{i}"] = triangle_of(mi, triangle["vertices"], bsdfs[triangle["material"]])
+    for i, mesh in enumerate(text.get("meshes", [])):
+        scene[f"mesh_{i}"] = mesh_of(mi, mesh, Path(path).parent, bsdfs[mesh["material"]])
     for i, light in enumerate(text.get("lights", [])):
         scene[f"light_{i}"] = light_of(mi, light)
     if "environment" in text:

@@ -1,0 +1,1 @@
+"""Charts of error against CPU time; `python -m benchmarks.chart --help`."""

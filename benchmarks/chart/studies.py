@@ -1,0 +1,182 @@
+"""What is measured for each chart of pictures."""
+
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from rich.progress import Progress
+
+import jaxrt
+from benchmarks.alternatives.chance import draw_sum_by_chance
+from benchmarks.chart import closed, subjects
+from benchmarks.chart.curves import Curves
+from benchmarks.chart.measure import Sweep, measure, relative_to_mean
+from benchmarks.chart.peer import Peer, best_sampler
+from benchmarks.chart.references import cached, content_key, mean_image
+from benchmarks.chart.subjects import Draw, Subject, in_float64, jaxrt_method, picture_method, prefix_method
+from benchmarks.samplers import Reference
+
+DEEP = 12  # events of the reference of the chart of depths
+DEPTHS = range(1, 9)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How much is measured, and with what."""
+
+    sweep: Sweep
+    reference: tuple[int, int]  # samples a pixel and seeds of a long render
+    heavy_reference: tuple[int, int]  # for scenes that take ten times as long
+    quadrature: int  # midpoints across a pixel
+    cache: Path
+    progress: Progress
+    peer: Peer | None = None
+
+
+@dataclass
+class Study:
+    """A chart's data."""
+
+    curves: Curves
+    band: float  # relative standard error of the reference
+    facts: dict[str, Any] = field(default_factory=dict)  # numbers that the page tells
+
+
+def long_render(subject: Subject, settings: Settings, size: tuple[int, int], max_depth: int | None = None) -> Reference:
+    """Return the cached mean of Sobol' pictures of `size` (samples a pixel, seeds)."""
+    (spp, seeds), depth = size, max_depth or subject.scene().defaults.max_depth
+    names = {"kind": "picture", "size": subject.size, "spp": spp, "seeds": seeds, "max_depth": depth}
+
+    def make() -> Reference:
+        draw = picture_method(subject.scene(), max_depth=depth)
+        track = partial(settings.progress.track, description=f"reference: {subject.title}")
+        steps = iter(track(range(seeds)))
+
+        def image(seed: int) -> np.ndarray:
+            next(steps)
+            return draw(seed, [spp])[spp][0]
+
+        return mean_image(image, seeds)
+
+    return cached(settings.cache, content_key(subject.contents(), names), make)
+
+
+def samplers(settings: Settings, subject: Subject, heavy: bool = False) -> Study:
+    """Return jaxrt's three samplers, and Mitsuba's independent and best one, on one scene."""
+    reference = long_render(subject, settings, settings.heavy_reference if heavy else settings.reference)
+    metric = relative_to_mean(reference)
+    scene = subject.scene()
+    methods: dict[str, Draw] = {name: jaxrt_method(scene, name) for name in ("sobol", "stratified", "independent")}
+    facts: dict[str, Any] = {}
+    sweep = settings.sweep.up_to(1024)._replace(seeds=min(settings.sweep.seeds, 8)) if heavy else settings.sweep
+    if settings.peer:
+        best, costs = best_sampler(settings.peer, subject, reference.image, sweep.short[-1], 3)
+        facts = {"best": best, "costs": costs}
+        for name in ("independent", best):
+            methods[f"Mitsuba {name}"] = settings.peer.method(subject, name)
+    (curves,) = measure(methods, sweep, [metric], settings.progress)
+    return Study(curves, np.sqrt(reference.variance) / metric.scale, facts)
+
+
+def light_sampling(settings: Settings) -> Study:
+    """Return light sampling on and off in the room with a spherical light."""
+    reference = long_render(subjects.SPHERE, settings, settings.reference)
+    metric, scene = relative_to_mean(reference), subjects.SPHERE.scene()
+    chance = prefix_method(scene, program=draw_sum_by_chance)
+    methods = {"light sampling": jaxrt_method(scene), "paths that find the light by chance": chance}
+    (curves,) = measure(methods, settings.sweep, [metric], settings.progress)
+    return Study(curves, np.sqrt(reference.variance) / metric.scale)
+
+
+def depth(settings: Settings) -> Study:
+    """Return depths 1 to 8 against the picture of a greater one, and the share of light that each leaves out."""
+    spp, seeds = settings.reference
+    reference = long_render(subjects.SPHERE, settings, (max(spp // 4, 1), seeds), DEEP)
+    metric, scene = relative_to_mean(reference), subjects.SPHERE.scene()
+    methods = {f"max_depth {d}": jaxrt_method(scene, max_depth=d) for d in DEPTHS}
+    sweep = settings.sweep.up_to(1024)._replace(seeds=settings.sweep.few)
+    (curves,) = measure(methods, sweep, [metric], settings.progress)
+    facts = {"floors": _floors(scene, metric.scale, sweep.short[-1], sweep.few), "deep": DEEP}
+    return Study(curves, np.sqrt(reference.variance) / metric.scale, facts)
+
+
+def _floors(scene: jaxrt.Scene, scale: float, spp: int, seeds: int) -> dict[str, float]:
+    """Return the RMS of what is cut off at each depth, over `scale`.
+
+    Pictures of all depths are drawn with the same numbers, so that noise is left in nothing but the light cut off; its
+    variance is subtracted.
+    """
+    draws = {d: picture_method(scene, max_depth=d) for d in (*DEPTHS, DEEP)}
+    cut: dict[int, list[np.ndarray]] = {d: [] for d in DEPTHS}
+    for seed in range(2000, 2000 + seeds):
+        deep = draws[DEEP](seed, [spp])[spp][0]
+        for d in DEPTHS:
+            cut[d].append(deep - draws[d](seed, [spp])[spp][0])
+    floors = {}
+    for d, pictures in cut.items():
+        stack = np.stack(pictures)
+        square = (stack.mean(axis=0) ** 2).mean() - stack.var(axis=0, ddof=1).mean() / seeds
+        floors[f"max_depth {d}"] = float(np.sqrt(max(square, 0)) / scale)
+    return floors
+
+
+def precision(settings: Settings, in_room: bool) -> Study:
+    """Return float32 and float64 in the room with a spherical light, or on the floor of a closed form."""
+    reference = long_render(subjects.SPHERE, settings, settings.reference) if in_room else closed.floor_picture()
+    metric, max_depth = relative_to_mean(reference), None if in_room else 1
+    with jax.enable_x64(True):
+        wide = subjects.SPHERE.scene(jnp.float64) if in_room else jaxrt.build(closed.FLOOR, jnp.float64)
+    narrow = subjects.SPHERE.scene() if in_room else jaxrt.build(closed.FLOOR)
+    methods = {
+        "float32": jaxrt_method(narrow, max_depth=max_depth),
+        "float64": in_float64(jaxrt_method(wide, max_depth=max_depth)),
+    }
+    sweep = settings.sweep.up_to(1024) if in_room else settings.sweep
+    (curves,) = measure(methods, sweep, [metric], settings.progress)
+    return Study(curves, np.sqrt(reference.variance) / metric.scale)
+
+
+def unroll(settings: Settings) -> Study:
+    """Return events in a scan and unrolled, and what compiling each takes."""
+    reference = long_render(subjects.SPHERE, settings, settings.reference)
+    metric, scene = relative_to_mean(reference), subjects.SPHERE.scene()
+    names = {"events in a scan": False, "events unrolled": True}
+    facts = {"compile": {name: _compile_seconds(scene, unrolled) for name, unrolled in names.items()}}
+    methods = {name: jaxrt_method(scene, unroll=unrolled) for name, unrolled in names.items()}
+    (curves,) = measure(methods, settings.sweep.up_to(256), [metric], settings.progress)
+    return Study(curves, np.sqrt(reference.variance) / metric.scale, facts)
+
+
+def _compile_seconds(scene: jaxrt.Scene, unrolled: bool) -> float:
+    """Return CPU seconds to trace and compile the picture's program, without JAX's cache of programs."""
+    folder = jax.config.values["jax_compilation_cache_dir"]
+    empty = tempfile.mkdtemp()
+    jax.config.update("jax_compilation_cache_dir", empty)
+    jax.clear_caches()
+    start = time.process_time()
+    jaxrt.render(scene, 0, spp=1, unroll=unrolled).block_until_ready()
+    seconds = time.process_time() - start
+    jax.config.update("jax_compilation_cache_dir", folder)
+    shutil.rmtree(empty)
+    return seconds
+
+
+STUDIES: dict[str, Callable[[Settings], Study]] = {
+    "samplers-point-light": partial(samplers, subject=subjects.POINT),
+    "samplers-sphere-light": partial(samplers, subject=subjects.SPHERE),
+    "samplers-mirror-and-glass": partial(samplers, subject=subjects.GLASS),
+    "samplers-mesh": partial(samplers, subject=subjects.MESH, heavy=True),
+    "light-sampling": light_sampling,
+    "depth": depth,
+    "precision-floor": partial(precision, in_room=False),
+    "precision-room": partial(precision, in_room=True),
+    "unroll": unroll,
+}
