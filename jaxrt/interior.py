@@ -11,6 +11,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
+from jax.custom_batching import sequential_vmap as in_turn
 from jax.custom_derivatives import SymbolicZero
 
 from jaxrt.film import (
@@ -25,7 +26,7 @@ from jaxrt.film import (
 )
 from jaxrt.linear import Leaves, Pair, Shapes, apply_linear
 from jaxrt.maths import kahan_add
-from jaxrt.native import in_turn, one_mesh, program_on
+from jaxrt.native import one_mesh, program_on
 from jaxrt.path import Tables
 
 # Derivatives of a batch that share one pass over the paths, forwards and backwards. Backwards the paths are the lesser
@@ -51,6 +52,7 @@ def _draw(tables: Tables, run: Run, plan: Plan) -> Array:
     def picture(tables: Tables, run: Run) -> Array:
         return draw_packets(partial(_packet_sum, plan), (tables, run), _size(tables), plan)
 
+    # A batch of scenes one after the other: side by side they would make too wide a native kernel
     return (in_turn(picture) if is_native(plan) else picture)(tables, run)
 
 

@@ -16,7 +16,6 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
-from jax.custom_batching import sequential_vmap
 from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend.core import ClosedJaxpr
 from jax.sharding import Mesh, PartitionSpec, get_abstract_mesh, use_abstract_mesh
@@ -109,11 +108,6 @@ def one_mesh() -> AbstractContextManager[None]:
     JAX keeps traces by mesh, and takes no mesh and an empty one for two: derivatives are traced with the latter.
     """
     return use_abstract_mesh(get_abstract_mesh())
-
-
-def in_turn(f: Callable[..., Result]) -> Callable[..., Result]:
-    """Return f, whose batches run one after the other: side by side they would make too wide a native kernel."""
-    return sequential_vmap(f)
 
 
 def once(f: Callable[..., Result]) -> Callable[..., Result]:

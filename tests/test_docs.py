@@ -60,6 +60,7 @@ def test_gallery_command(
     (tmp_path / "docs/gallery").mkdir(parents=True)
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert main(arguments + SMALL) == 0, capsys.readouterr().err
     assert Path(arguments[arguments.index("-o") + 1]).exists()
 
