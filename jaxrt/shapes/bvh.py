@@ -17,7 +17,7 @@ from jaxrt.pytree import pytree, static
 
 WIDTH = 8  # children of a node, faces of a leaf: what one vector instruction tests
 BINS = 16
-MIN_FACES = 48  # fewer are tested one by one: a tree pays from about 20 faces for camera rays, 80 to 320 for others
+MIN_FACES = 48  # fewer are tested one by one: there random rays break even, camera rays earlier (benchmarks/meshes.py)
 
 
 @pytree

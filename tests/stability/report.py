@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.processes import cpu_model
+
 FIGURES, TWIN = "stability figures", "stability twin"
 COMMAND = "python -m pytest -n 2 --stability-report docs/stability.md"
 GROUPS = {
@@ -151,7 +153,7 @@ class Report:
             rows=len(self.rows),
             date=date.today().isoformat(),
             versions=f"Python {platform.python_version()}, {', '.join(names)}",
-            machine=processor(),
+            machine=cpu_model(),
         )
         return head + "".join(self.groups()) + "".join(self.twin_table())
 
@@ -196,13 +198,6 @@ def shown(figure: float | str | None) -> str:
     if figure is None or isinstance(figure, str):
         return figure or "–"
     return f"{figure:.0f}" if abs(figure) < 1e6 and figure == int(figure) else f"{figure:.3g}"
-
-
-def processor() -> str:
-    """Return the name of the processor."""
-    info = Path("/proc/cpuinfo")
-    found = re.search(r"model name\s*:\s*(.+)", info.read_text()) if info.exists() else None
-    return found[1].strip() if found else platform.processor() or platform.machine()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
