@@ -8,33 +8,43 @@ import hashlib
 import os
 import platform
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import jax
 import jaxlib
 from jax import Array
+from jax.experimental.compilation_cache.compilation_cache import reset_cache
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
 
 from jaxrt.film import Plan, Run
 from jaxrt.render import draw_sum
 from jaxrt.scene import Scene
 
+KEPT = 64  # programs in a folder, of about a megabyte each
+
 
 def load_or_compile(folder: Path, scene: Scene, run: Run, plan: Plan) -> Callable[[Scene, Run], Array]:
     """Return the program of `draw_sum` for arguments of this structure, from the folder if it is there.
 
+    A loaded program is tried with `run`, which should draw no sample: XLA tells only then what it cannot find in one.
     Files in the folder are loaded as code: it must belong to the user.
     """
     file = folder / f"{_fingerprint(scene, run, plan)}.program"
     inputs, output = jax.tree.structure(((scene, run), {})), jax.tree.structure(0)
     if file.exists():
         try:
-            return deserialize_and_load(file.read_bytes(), inputs, output, execution_devices=plan.devices)
+            loaded = deserialize_and_load(file.read_bytes(), inputs, output, execution_devices=plan.devices)
+            jax.block_until_ready(loaded(scene, run))
+            file.touch()
+            return loaded
         except Exception:  # whatever is wrong with the file, compiling mends it
             file.unlink(missing_ok=True)
-    program = draw_sum.lower(scene, run, plan).compile()
+    with _cache_of_jax_off():
+        program = draw_sum.lower(scene, run, plan).compile()
     _write(file, serialize(program)[0])
+    _forget_oldest(folder)
     return program
 
 
@@ -48,6 +58,25 @@ def _fingerprint(scene: Scene, run: Run, plan: Plan) -> str:
     for source in sorted(Path(__file__).parent.rglob("*.py")):
         digest.update(source.read_bytes())
     return digest.hexdigest()
+
+
+@contextmanager
+def _cache_of_jax_off() -> Iterator[None]:
+    """Compile anew: a program that JAX had from its own cache loses its functions when it is serialized again."""
+    before = jax.config.jax_enable_compilation_cache
+    jax.config.update("jax_enable_compilation_cache", False)
+    reset_cache()  # JAX looks at the setting once
+    try:
+        yield
+    finally:
+        jax.config.update("jax_enable_compilation_cache", before)
+        reset_cache()
+
+
+def _forget_oldest(folder: Path) -> None:
+    """Keep the programs used last."""
+    for file in sorted(folder.glob("*.program"), key=lambda file: file.stat().st_mtime)[:-KEPT]:
+        file.unlink(missing_ok=True)
 
 
 def _write(file: Path, program: bytes) -> None:

@@ -1,5 +1,6 @@
 """Compiled programs kept in a folder: the same picture, another file for another structure, damage mended."""
 
+import os
 from pathlib import Path
 
 import jax
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxrt
-from jaxrt.programs import load_or_compile
+from jaxrt.programs import KEPT, load_or_compile
 from jaxrt.render import draw_sum, prepare
 
 SCENE = {
@@ -45,6 +46,27 @@ def test_another_structure_is_another_program(tmp_path: Path) -> None:
         load_or_compile(tmp_path, *prepare(jaxrt.build(SCENE | change), 0, 0, 1, 1, max_depth=1))
     load_or_compile(tmp_path, *prepare(jaxrt.build(SCENE), 0, 0, 1, 1, max_depth=2))
     assert len(programs(tmp_path)) == 4
+
+
+def test_a_program_that_loads_but_does_not_run_is_compiled_anew(tmp_path: Path) -> None:
+    arguments = prepare(jaxrt.build(SCENE), 0, 0, 1, 1, max_depth=1)
+    load_or_compile(tmp_path, *prepare(jaxrt.build(SCENE | {"environment": {"radiance": [1, 1, 1]}}), 0, 0, 1, 1))
+    (other,) = programs(tmp_path)
+    load_or_compile(tmp_path, *arguments)
+    (file,) = {*programs(tmp_path)} - {other}
+    wrong = other.read_bytes()
+    file.write_bytes(wrong)
+    np.testing.assert_array_equal(load_or_compile(tmp_path, *arguments)(*arguments[:2]), draw_sum(*arguments))
+    assert file.read_bytes() != wrong
+
+
+def test_programs_not_used_for_long_are_forgotten(tmp_path: Path) -> None:
+    for i in range(KEPT):
+        file = tmp_path / f"{i}.program"
+        file.touch()
+        os.utime(file, (i, i))
+    load_or_compile(tmp_path, *prepare(jaxrt.build(SCENE), 0, 0, 1, 1, max_depth=1))
+    assert len(programs(tmp_path)) == KEPT and not (tmp_path / "0.program").exists()
 
 
 def test_a_damaged_program_is_compiled_anew(tmp_path: Path) -> None:
