@@ -31,7 +31,7 @@ from jaxrt.path import Tables
 
 # Derivatives of a batch that share one pass over the paths, forwards and backwards. Backwards the paths are the lesser
 # part, and packets of a batch too wide for a native kernel
-TOGETHER = (16, 1)
+TOGETHER = (32, 1)
 # Parameters that light paths and light samples do not depend on: they keep the picture's own light samples
 _STILL = {"albedo", "intensity", "environment"}
 

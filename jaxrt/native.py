@@ -69,8 +69,10 @@ def _call(loop: Callable[[Operands, Array], Result], operands: Operands, packets
         return result, jnp.stack([a[0].astype(jnp.float32) for a in (*parcels.values(), packets)])
 
     # A tagged call with an operand that turns out unused aborts the process (jaxlib 0.10.1: "All or none of the slices
-    # should have an explicit index"). So all go in as a few arrays, and a number of each comes out again.
-    return lax.optimization_barrier((_tagged(unpacked) if native else unpacked)(parcels, packets))[0]
+    # should have an explicit index"). So all go in as a few arrays, behind a barrier that keeps constants out of the
+    # call, and a number of each comes out again.
+    call = _tagged(unpacked) if native else unpacked
+    return lax.optimization_barrier(call(lax.optimization_barrier(parcels), packets))[0]
 
 
 def on_devices(
@@ -128,13 +130,18 @@ def _tagged(f: Callable[..., Result]) -> Callable[..., Result]:
 
 
 def _pack(tree: Operands) -> tuple[dict[str, Array], Callable[[dict[str, Array]], Operands]]:
-    """Return the leaves in one flat array for each dtype, and the function that takes them apart again."""
-    leaves, structure = jax.tree.flatten(tree)
+    """Return the leaves in a few flat arrays, and the function that takes them apart again.
+
+    One for each part of the tree and each dtype: a batch over one part, as of tangents, leaves the others as they are.
+    """
+    paths, structure = jax.tree.flatten_with_path(tree)
+    leaves = [leaf for _, leaf in paths]
+    kinds = [f"{path[:1]} {leaf.dtype}" for path, leaf in paths]
     groups: dict[str, list[Any]] = {}
-    for leaf in leaves:
-        groups.setdefault(str(leaf.dtype), []).append(leaf)
+    for kind, leaf in zip(kinds, leaves, strict=True):
+        groups.setdefault(kind, []).append(leaf)
     parcels = {kind: jnp.concatenate([leaf.ravel() for leaf in group]) for kind, group in groups.items()}
-    shapes = [(str(leaf.dtype), leaf.shape, leaf.size) for leaf in leaves]
+    shapes = [(kind, leaf.shape, leaf.size) for kind, leaf in zip(kinds, leaves, strict=True)]
 
     def unpack(parcels: dict[str, Array]) -> Operands:
         start = dict.fromkeys(parcels, 0)

@@ -10,7 +10,7 @@ import pytest
 from jax import Array, lax
 
 import jaxrt
-from jaxrt.native import map_packets, once
+from jaxrt.native import fold_packets, map_packets, once
 
 TAG = 'xla_cpu_small_call="true"'
 
@@ -43,6 +43,33 @@ def test_unused_operands_are_harmless(f: Callable[..., Array]) -> None:
 
 def entry(text: str) -> str:
     return text[text.index("\nENTRY ") :]
+
+
+def test_operands_that_are_constants_are_harmless() -> None:
+    # jaxlib 0.10.1 aborts too when it moves a constant operand into the call
+    numbers = jnp.arange(4, dtype=jnp.int32)
+    zeros = jnp.zeros(8)
+    summed = jax.jit(
+        lambda x: fold_packets(lambda o, n, total: total + o[0] * n.astype(o[0].dtype), (x, zeros), zeros, numbers)
+    )
+    np.testing.assert_array_equal(summed(jnp.ones(8)), jnp.full(8, 6.0))
+    drawn = jax.jit(lambda: map_packets(lambda o, n: o[0] * n.astype(o[0].dtype) + o[1], (zeros, zeros), numbers))
+    np.testing.assert_array_equal(drawn(), jnp.zeros((4, 8)))
+
+
+def test_a_batch_shares_what_it_does_not_enter() -> None:
+    """A batch of tangents must not make a batch of the paths: that costs a render for each."""
+
+    def f(operands: tuple[Array, Array], packet: Array) -> Array:
+        return jnp.sin(operands[0] + packet.astype(jnp.float32)) * operands[1]
+
+    numbers = jnp.arange(3, dtype=jnp.int32)
+    many = jax.vmap(lambda x, y: map_packets(f, (x, y), numbers), in_axes=(None, 0))
+    x, y = jnp.arange(8.0), jnp.arange(40.0).reshape(5, 8)
+    program = str(jax.make_jaxpr(many)(x, y))
+    assert re.findall(r":f32(\S*) = sin ", program) == ["[8]"], program
+    expected = [jax.vmap(lambda n, row=row: f((x, row), n))(numbers) for row in y]
+    np.testing.assert_allclose(jax.jit(many)(x, y), jnp.stack(expected), rtol=1e-6)
 
 
 @pytest.mark.parametrize("unroll", [False, True])
