@@ -38,7 +38,7 @@ def found_from(path: str, starts: jax.Array, boundary_samples: int) -> jax.Array
         method = optx.LevenbergMarquardt(rtol=1e-4, atol=1e-4)
         return optx.least_squares(residual, method, position, max_steps=STEPS, throw=False).value
 
-    return jnp.linalg.norm(jax.jit(lambda starts: jax.lax.map(solve, starts))(starts) - truth[None], axis=(1, 2))
+    return jnp.linalg.norm(jax.jit(jax.vmap(solve))(starts) - truth[None], axis=(1, 2))
 
 
 def main() -> None:

@@ -1,6 +1,7 @@
-"""What the examples share: their arguments, a recorder of losses, and the figure that each one leaves."""
+"""What the examples share: their arguments, a recorder of losses, a clock, and the figure that each one leaves."""
 
 import argparse
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from jaxrt.color import gamma_encode
+
+BEGIN = time.perf_counter()
 
 
 def arguments(description: str | None) -> argparse.Namespace:
@@ -29,6 +32,29 @@ def recorder(losses: list[float]) -> Callable[..., None]:
         jax.debug.callback(lambda loss: losses.append(float(loss)), loss)
 
     return verbose
+
+
+def solved(name: str, solve: Callable[..., tuple[Any, Any]], picture: Callable[[Any], Any], *arguments: Any) -> Any:
+    """Return the answer of solve(start, ...) -> (answer, steps); print what it took.
+
+    That is its steps, its seconds and how many pictures could be drawn in them, those of compiling, and all since the
+    example began.
+    """
+    begin = time.perf_counter()
+    program = jax.jit(solve).lower(*arguments).compile()
+    compiled = time.perf_counter()
+    answer, steps = jax.block_until_ready(program(*arguments))
+    done = time.perf_counter()
+    jax.effects_barrier()
+    jax.block_until_ready(picture(arguments[0]))
+    drawing = time.perf_counter()
+    jax.block_until_ready(picture(arguments[0]))
+    renders = (done - compiled) / (time.perf_counter() - drawing)
+    print(
+        f"{name}: {int(steps)} steps, {done - compiled:.2f} s, as long as {renders:.0f} renders; "
+        f"compiled in {compiled - begin:.1f} s; {done - BEGIN:.1f} s from the start"
+    )
+    return answer
 
 
 def save_figure(

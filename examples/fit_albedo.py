@@ -8,18 +8,17 @@ derivative alike, and dark walls make less of it. With a gradient_key of its own
 Gauss-Newton then goes to where the mean gradient is 0, without that bias.
 """
 
-import time
 from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
 import optimistix as optx
-from figure import arguments, recorder, save_figure
+from figure import arguments, recorder, save_figure, solved
 
 import jaxrt
 
 options = arguments(__doc__)
-size, spp, steps = (16, 4, 4) if options.quick else (48, 32, 12)
+size, spp, steps = (16, 4, 4) if options.quick else (48, 128, 60)
 names = ["floor", "ceiling", "left", "right", "back", "white"]  # the front wall is behind the camera
 rows = jnp.array([0, 1, 2, 3, 4, 6])  # which the light from it, alone, would not determine: it stays as it is
 
@@ -49,16 +48,13 @@ if options.quick:
 curves, answers = {}, {}
 for name, solver in solvers.items():
     curves[name] = []
-    start = time.perf_counter()
     method = solver(rtol=1e-3, atol=1e-4, verbose=recorder(curves[name]))
-    gradient_key = 2 if name == "Gauss-Newton" else 0
-    solution = optx.least_squares(residual, method, u0, gradient_key, max_steps=steps, throw=False)
-    answers[name] = jax.nn.sigmoid(solution.value)
-    jax.effects_barrier()
-    seconds = time.perf_counter() - start
-    print(
-        f"{name}: {int(solution.stats['num_steps'])} steps, {seconds:.1f} s with compiling, loss {curves[name][-1]:.3g}"
-    )
+
+    def solve(u, gradient_key, method=method):
+        solution = optx.least_squares(residual, method, u, gradient_key, max_steps=steps, throw=False)
+        return jax.nn.sigmoid(solution.value), solution.stats["num_steps"]
+
+    answers[name] = solved(name, solve, picture, u0, 2 if name == "Gauss-Newton" else 0)
     for row, found, true in zip(names, answers[name], truth, strict=True):
         print(f"  {row:8} {found} truth {true} greatest error {jnp.abs(found - true).max():.4f}")
 

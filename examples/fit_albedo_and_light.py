@@ -10,7 +10,7 @@ here it is one more residual.
 import jax
 import jax.numpy as jnp
 import optimistix as optx
-from figure import arguments, recorder, save_figure
+from figure import arguments, recorder, save_figure, solved
 
 import jaxrt
 
@@ -58,13 +58,19 @@ def conditions(u):
 
 losses = []
 method = optx.LevenbergMarquardt(rtol=1e-4, atol=1e-4, verbose=recorder(losses))
-solution = optx.least_squares(residual, method, u0, max_steps=steps, throw=False)
-jax.effects_barrier()
-without, with_card = conditions(solution.value)
+
+
+def solve(u):
+    solution = optx.least_squares(residual, method, u, max_steps=steps, throw=False)
+    return solution.value, solution.stats["num_steps"]
+
+
+answer = solved("Levenberg-Marquardt", solve, picture, u0)
+without, with_card = conditions(answer)
 print(f"condition of the Jacobian: {without:.1e} without the known colour, {with_card:.1e} with it")
-found = values(solution.value)
+found = values(answer)
 for name, true in jaxrt.parameters(scene).items():
     if name in found:
         print(f"{name}: {found[name].tolist()}\n  truth {true.tolist()}")
-pictures = {"start": picture(u0), "fit": picture(solution.value)}
+pictures = {"start": picture(u0), "fit": picture(answer)}
 save_figure(options.output / "fit_albedo_and_light.png", target, pictures, {"Levenberg-Marquardt": losses})

@@ -7,16 +7,12 @@ hard shadow has no derivative inside: what automatic differentiation of the samp
 shading, and it leads astray where the shadow is the stronger cue.
 """
 
-import time
-
-import jax
 import jax.numpy as jnp
 import optimistix as optx
-from figure import arguments, recorder, save_figure
+from figure import arguments, recorder, save_figure, solved
 
 import jaxrt
 
-start = time.perf_counter()
 options = arguments(__doc__)
 scene = jaxrt.load_scene("scenes/hanging_ball.toml")
 spp, steps = (4, 2) if options.quick else (16, 30)
@@ -43,19 +39,13 @@ for name, boundary_samples in {"with edges": edges, "interior only": 0}.items():
 
     method = optx.LevenbergMarquardt(rtol=1e-4, atol=1e-4, verbose=recorder(curves[name]))
 
-    @jax.jit
     def solve(position, target, residual=residual, method=method):
         solution = optx.least_squares(residual, method, position, target, max_steps=steps, throw=False)
         return solution.value, solution.stats["num_steps"]
 
-    program = solve.lower(first, target).compile()
-    compiled = time.perf_counter()
-    found, taken = jax.block_until_ready(program(first, target))
-    solved = time.perf_counter()
-    jax.effects_barrier()
+    found = solved(name, solve, picture, first, target)
     error = float(jnp.linalg.norm(found - truth))
-    print(f"{name}: {found[0]}, truth {truth[0]}: off by {error:.4f}, {error / diagonal:.2%} of the scene")
-    print(f"  {int(taken)} steps, {solved - compiled:.2f} s; from the start of this example {solved - start:.1f} s")
+    print(f"  {found[0]}, truth {truth[0]}: off by {error:.4f}, {error / diagonal:.2%} of the scene")
     pictures[name] = picture(found)
 
 save_figure(options.output / "fit_light_position.png", target, pictures, curves)

@@ -5,17 +5,14 @@
 The width of the penumbra tells the radius. Powell's dogleg method and Levenberg-Marquardt side by side.
 """
 
-import time
-
-import jax
 import jax.numpy as jnp
 import optimistix as optx
-from figure import arguments, recorder, save_figure
+from figure import arguments, recorder, save_figure, solved
 
 import jaxrt
 
 options = arguments(__doc__)
-spp, steps = (4, 2) if options.quick else (64, 30)
+spp, steps = (4, 2) if options.quick else (256, 30)
 scene = jaxrt.load_scene("scenes/ball_under_sphere_light.toml")
 edges = 4 * scene.camera.width * scene.camera.height
 p = jaxrt.parameters(scene)
@@ -41,12 +38,13 @@ if options.quick:
 curves, pictures = {}, {"start": picture(u0)}
 for name, solver in solvers.items():
     curves[name] = []
-    start = time.perf_counter()
     method = solver(rtol=1e-4, atol=1e-4, verbose=recorder(curves[name]))
-    solution = optx.least_squares(residual, method, u0, max_steps=steps, throw=False)
-    jax.effects_barrier()
-    found = solution.value
-    print(f"{name}: {int(solution.stats['num_steps'])} steps, {time.perf_counter() - start:.1f} s with compiling")
+
+    def solve(u, method=method):
+        solution = optx.least_squares(residual, method, u, max_steps=steps, throw=False)
+        return solution.value, solution.stats["num_steps"]
+
+    found = solved(name, solve, picture, u0)
     print(f"  position {found['position'][0]}, truth {truth['position'][0]}")
     print(f"  radius {float(jnp.exp(found['log radius'][0])):.4f}, truth {float(truth['radius'][0]):.4f}")
     pictures[name] = picture(found)

@@ -2,8 +2,8 @@
 
     python examples/many_starts.py
 
-The solve is a function of its start, so `jax.lax.map` makes one compiled call of many of them, each of which ends when
-it is done. The map shows, seen from above, how far from the light each start ends.
+The solve is a function of its start, so `jax.vmap` makes one compiled call of many of them. The map shows, seen from
+above, how far from the light each start ends.
 """
 
 import time
@@ -39,7 +39,7 @@ def solve(position):
 x, z = jnp.meshgrid(jnp.linspace(-2.5, 4.5, grid[0]), jnp.linspace(-1, 3, grid[1]))
 starts = jnp.stack([x.ravel(), jnp.full(x.size, 8.0), z.ravel()], axis=1)[:, None, :]
 start = time.perf_counter()
-found, losses = jax.block_until_ready(jax.jit(lambda starts: jax.lax.map(solve, starts))(starts))
+found, losses = jax.block_until_ready(jax.jit(jax.vmap(solve))(starts))
 errors = jnp.linalg.norm(found - truth, axis=(1, 2))
 print(f"{len(starts)} starts, {time.perf_counter() - start:.1f} s with compiling")
 print(f"{int(jnp.sum(errors < 0.2))} of them end within 1 % of the scene's size")

@@ -6,11 +6,10 @@ Any function from numbers to vertices will do as a parameter: here a shift (3,) 
 outline and its shadow move with it, which only edge derivatives see; backwards or forwards, they reach every vertex.
 """
 
-import jax
 import jax.numpy as jnp
 import optimistix as optx
 import trimesh
-from figure import arguments, recorder, save_figure
+from figure import arguments, recorder, save_figure, solved
 
 import jaxrt
 
@@ -53,10 +52,14 @@ def residual(u, args):
 u0 = {"shift": jnp.array([1.0, -0.3, -0.8]), "log scale": jnp.log(jnp.array(1.3))}
 losses = []
 method = optx.LevenbergMarquardt(rtol=1e-4, atol=1e-4, verbose=recorder(losses))
-solution = optx.least_squares(residual, method, u0, max_steps=steps, throw=False)
-jax.effects_barrier()
-found = solution.value
-print(f"{int(solution.stats['num_steps'])} steps")
+
+
+def solve(u):
+    solution = optx.least_squares(residual, method, u, max_steps=steps, throw=False)
+    return solution.value, solution.stats["num_steps"]
+
+
+found = solved("Levenberg-Marquardt", solve, picture, u0)
 print(f"shift {found['shift']}, truth 0; scale {jnp.exp(found['log scale']):.4f}, truth 1")
 pictures = {"start": picture(u0), "fit": picture(found)}
 save_figure(options.output / "mesh_scene.png", target, pictures, {"Levenberg-Marquardt": losses})

@@ -63,7 +63,7 @@ def _fingerprint(scene: Scene, run: Run, plan: Plan) -> str:
 @contextmanager
 def _cache_of_jax_off() -> Iterator[None]:
     """Compile anew: a program that JAX had from its own cache loses its functions when it is serialized again."""
-    before = jax.config.jax_enable_compilation_cache
+    before = jax.config.values["jax_enable_compilation_cache"]
     jax.config.update("jax_enable_compilation_cache", False)
     reset_cache()  # JAX looks at the setting once
     try:

@@ -58,7 +58,7 @@ def solve_from(scene: jaxrt.Scene, target: jax.Array, starts: jax.Array, edges: 
         method = optx.LevenbergMarquardt(rtol=1e-3, atol=1e-4)
         return optx.least_squares(residual, method, position, max_steps=40, throw=False).value
 
-    return jax.jit(lambda starts: jax.lax.map(solve, starts))(starts)
+    return jax.jit(jax.vmap(solve))(starts)
 
 
 @pytest.mark.slow
@@ -89,7 +89,7 @@ def test_albedos_of_a_room_are_found_from_20_starts() -> None:
         return jax.nn.sigmoid(optx.least_squares(residual, method, u, max_steps=30, throw=False).value)
 
     starts = jnp.asarray(np.random.default_rng(1).uniform(0.1, 0.9, (20, *truth.shape)), jnp.float32)
-    found = jax.jit(lambda u: jax.lax.map(solve, u))(jnp.log(starts / (1 - starts)))
+    found = jax.jit(jax.vmap(solve))(jnp.log(starts / (1 - starts)))
     errors = jnp.abs(found - truth[None])[:, jnp.array(SEEN)]
     assert float(errors.max()) <= 0.01, errors.max(axis=(0, 2))
 
@@ -100,15 +100,15 @@ def machine_of(scene: jaxrt.Scene, names: list[str], target: jax.Array) -> Machi
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="the red channel of the ceiling is 0.0146 off, at 64 samples a pixel; 0.01 is wanted")
 def test_albedos_are_found_by_indirect_light_without_the_bias_of_one_set_of_samples() -> None:
+    """Noise decides: the greatest error is 0.015, 0.010 and 0.004 at 64, 128 and 256 samples a pixel."""
     scene = resized("scenes/seed/soft_shadow_indirect.toml")
     truth = jaxrt.parameters(scene)["materials.albedo"]
-    target = jaxrt.render(scene, 1, spp=16 * 64, max_depth=2)
+    target = jaxrt.render(scene, 1, spp=16 * 256, max_depth=2)
     names = [f"materials.albedo[{i}]" for i in SEEN]
     unknowns = unknowns_of(scene, {name: parse_selector(name, scene) for name in names})
     grey = jaxrt.with_parameters(scene, {"materials.albedo": truth.at[jnp.array(SEEN)].set(0.5)})
-    answer = fit(Machine(Problem(grey, unknowns, target, jnp.ones_like(target), max_depth=2)), spp=64)
+    answer = fit(Machine(Problem(grey, unknowns, target, jnp.ones_like(target), max_depth=2)), spp=256)
     found = np.stack(list(unknowns.values(answer.vector).values()))
     assert np.abs(found - truth[np.array(SEEN)]).max() <= 0.01, found
 
@@ -117,10 +117,10 @@ def test_albedos_are_found_by_indirect_light_without_the_bias_of_one_set_of_samp
 def sphere_light() -> tuple[jaxrt.Scene, Machine, Fit]:
     """A sphere light sought by its place and radius: the true scene, and the answer."""
     scene = resized("scenes/ball_under_sphere_light.toml")
-    target = jaxrt.render(scene, 1, spp=16 * 64)
+    target = jaxrt.render(scene, 1, spp=16 * 1024)
     start = jaxrt.with_parameters(scene, {"lights.position": jnp.array([[2.0, 7.0, 0.0]])})
     machine = machine_of(start, ["lights.position[0]", "lights.radius[0]"], target)
-    return scene, machine, fit(machine, spp=64)
+    return scene, machine, fit(machine, spp=1024)
 
 
 @pytest.mark.slow
@@ -133,7 +133,6 @@ def test_a_sphere_light_is_found(sphere_light: tuple[jaxrt.Scene, Machine, Fit])
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="noise-limited: the loss on fresh samples is just above the noise floor")
 def test_a_sphere_light_that_is_found_is_solved(sphere_light: tuple[jaxrt.Scene, Machine, Fit]) -> None:
     assert sphere_light[2].verdict.word == "solved"
 
