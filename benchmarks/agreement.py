@@ -2,10 +2,12 @@
 
     python -m benchmarks.agreement [--scene scenes/room.toml] [--peer-python PATH]
 
-Both render the scene with many seeds; noise is estimated from the spread over seeds. Three numbers decide:
-the z of the image mean, the largest z of a block mean against its Šidák limit, and the mean z² of the
-pixels (1, but for a structured bias or a wrong variance). With few seeds a raw quotient follows Student's
-t, so each is turned into the normal z of the same tail probability.
+Both render the scene with many seeds; noise is estimated from the spread over seeds. Four numbers decide:
+the z of the image mean, the largest z of a block mean against its Šidák limit, the mean z² of the pixels
+(1, but for a structured bias or a wrong variance), and how many pixels without noise differ. The latter
+have no part in the mean z²: where no seed changes a pixel on either side, as in the dark of a room with a
+point light alone, both must have the same value. With few seeds a raw quotient follows Student's t, so each
+is turned into the normal z of the same tail probability.
 """
 
 import argparse
@@ -43,12 +45,17 @@ def z_scores(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """
     a, b = a.astype(np.float64), b.astype(np.float64)
     va, vb = a.var(axis=0, ddof=1) / len(a), b.var(axis=0, ddof=1) / len(b)
-    rounding = ROUNDING * np.maximum(np.abs(a).max(axis=0), np.abs(b).max(axis=0)) + TINY
+    rounding = rounding_of(a, b)
     per_freedom = np.maximum(va**2 / (len(a) - 1) + vb**2 / (len(b) - 1), TINY)
     freedom = np.clip((va + vb) ** 2 / per_freedom, 1, len(a) + len(b) - 2)
     difference = a.mean(axis=0) - b.mean(axis=0)
-    tail = stats.t.sf(np.abs(difference) / np.sqrt(va + vb + rounding**2), freedom)
+    tail = stats.t.sf(np.abs(difference) / np.hypot(np.sqrt(va + vb), rounding), freedom)
     return np.sign(difference) * stats.norm.isf(np.maximum(tail, TINY))
+
+
+def rounding_of(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return what float32 sums as large as those of two stacks, seeds leading, can be off by."""
+    return ROUNDING * np.maximum(np.abs(a).max(axis=0), np.abs(b).max(axis=0)) + TINY
 
 
 def block_means(images: np.ndarray) -> np.ndarray:
@@ -65,16 +72,20 @@ def sidak_limit(tests: int) -> float:
 
 
 def verdicts(ours: np.ndarray, theirs: np.ndarray) -> list[tuple[str, str, str, bool]]:
-    """Return (quantity, value, limit, passed) for the three numbers of two stacks of images (n, H, W, 3)."""
+    """Return (quantity, value, limit, passed) for the four numbers of two stacks of images (n, H, W, 3)."""
     image_z = float(z_scores(ours.mean(axis=(1, 2, 3)), theirs.mean(axis=(1, 2, 3))))
     blocks = z_scores(block_means(ours), block_means(theirs))
     worst, limit = float(np.abs(blocks).max()), sidak_limit(blocks.size)
-    squared = float((z_scores(ours, theirs) ** 2).mean())
+    noisy = (np.ptp(ours, axis=0) > 0) | (np.ptp(theirs, axis=0) > 0)
+    squared = float((z_scores(ours, theirs)[noisy] ** 2).mean()) if noisy.any() else 1.0
     low, high = PIXEL_LIMITS
+    apart = np.abs(ours[0].astype(np.float64) - theirs[0]) > MEAN_LIMIT * rounding_of(ours, theirs)
+    different = int(np.count_nonzero(apart & ~noisy))
     return [
         ("z of the image mean", f"{image_z:+.2f}", f"± {MEAN_LIMIT}", abs(image_z) <= MEAN_LIMIT),
         (f"largest |z| of {BLOCK}×{BLOCK} block means", f"{worst:.2f}", f"{limit:.2f}", worst <= limit),
-        ("mean z² of the pixels", f"{squared:.3f}", f"{low} … {high}", low <= squared <= high),
+        ("mean z² of noisy pixels", f"{squared:.3f}", f"{low} … {high}", low <= squared <= high),
+        ("pixels without noise that differ", f"{different}", "0", different == 0),
     ]
 
 
@@ -109,7 +120,7 @@ def render_stack(options: argparse.Namespace, folder: str, python: str | None, s
 
 
 def judge(title: str, ours: np.ndarray, theirs: np.ndarray, console: Console) -> bool:
-    """Print the three numbers and the means, and return whether all three pass."""
+    """Print the four numbers and the means, and return whether all four pass."""
     table = Table("quantity", "value", "limit", "verdict", title=title)
     rows = verdicts(ours, theirs)
     for quantity, value, limit, passed in rows:

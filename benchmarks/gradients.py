@@ -20,6 +20,7 @@ from jax import Array
 from rich.table import Table
 
 import jaxrt
+from benchmarks.clock import cpu_seconds
 from benchmarks.jaxrt_side import load, use_cores
 from benchmarks.processes import cpu_model, wide_console
 
@@ -67,13 +68,6 @@ def compiled(f: Callable[..., Any], *arguments: Any) -> tuple[Callable[..., Any]
     return program, traced - start, time.perf_counter() - traced
 
 
-def cpu(program: Callable[..., Any], *arguments: Any) -> float:
-    """Return CPU seconds of a call."""
-    start = time.process_time()
-    jax.block_until_ready(program(*arguments))
-    return time.process_time() - start
-
-
 def costs(subject: Subject, rounds: int, edges: bool) -> list[list[str]]:
     """Return rows (what, renders, seconds to trace, to compile)."""
     p = subject.start
@@ -86,8 +80,8 @@ def costs(subject: Subject, rounds: int, edges: bool) -> list[list[str]]:
         subjects[f"Jacobian, {DIRECTIONS} directions"] = (subject.jacobian, "loss")
     programs = {name: compiled(f, p) for name, (f, _) in subjects.items()}
     for program, _, _ in programs.values():
-        cpu(program, p)
-    times = [{name: cpu(program, p) for name, (program, _, _) in programs.items()} for _ in range(rounds)]
+        cpu_seconds(program, p)
+    times = [{name: cpu_seconds(program, p)[1] for name, (program, _, _) in programs.items()} for _ in range(rounds)]
     rows = []
     for name, (_, traced, compile_seconds) in programs.items():
         ratios = [one[name] / one["loss"] for one in times]

@@ -14,6 +14,8 @@ from jax import Array, lax
 from jax.extend.core import ClosedJaxpr, Primitive
 from jax.interpreters import ad, batching, mlir
 
+from jaxrt.batches import one_by_one
+
 Leaves = list[Array]
 Shapes = tuple[jax.ShapeDtypeStruct, ...]
 
@@ -106,21 +108,15 @@ def _batch(
     operands: Sequence[Array], dims: Sequence[Any], *, pair: Pair, n: int, devices: ClosedJaxpr
 ) -> tuple[Leaves, list[int]]:
     mapped = [d is not batching.not_mapped for d in dims]
-    size = next(o.shape[d] for o, d, is_mapped in zip(operands, dims, mapped, strict=True) if is_mapped)
-    moved = [jnp.moveaxis(o, d, 0) if is_mapped else o for o, d, is_mapped in zip(operands, dims, mapped, strict=True)]
     if any(mapped[:n]):
-        # Other constants: one after the other
-        batch = [o for o, is_mapped in zip(moved, mapped, strict=True) if is_mapped]
-
-        def one(batch: Leaves) -> Leaves:
-            values = iter(batch)
-            chosen = [next(values) if is_mapped else o for o, is_mapped in zip(moved, mapped, strict=True)]
-            return _linear.bind(*chosen, pair=pair, n=n, devices=devices)
-
-        y = lax.map(one, batch)
-    else:
-        x = [o if m else jnp.broadcast_to(o, (size, *o.shape)) for o, m in zip(moved[n:], mapped[n:], strict=True)]
-        y = _linear.bind(*moved[:n], *x, pair=pair.of_many(size), n=n, devices=devices)
+        # Other constants
+        return one_by_one(partial(_linear.bind, pair=pair, n=n, devices=devices), operands, dims)
+    size = next(o.shape[d] for o, d, m in zip(operands, dims, mapped, strict=True) if m)
+    x = [
+        jnp.moveaxis(o, d, 0) if m else jnp.broadcast_to(o, (size, *o.shape))
+        for o, d, m in zip(operands[n:], dims[n:], mapped[n:], strict=True)
+    ]
+    y = _linear.bind(*operands[:n], *x, pair=pair.of_many(size), n=n, devices=devices)
     return y, [0] * len(y)
 
 

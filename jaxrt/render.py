@@ -26,6 +26,9 @@ WIDE_TILE = (512, 128)  # on accelerators, which want many lanes at once
 def use_cpu_cores(n: int) -> None:
     """Let JAX see `n` CPU devices, so that `render` uses as many cores. Must come before JAX computes anything.
 
+    With n > 1, do not `vmap` whole solves: loops side by side that exchange pictures between devices can wait for one
+    another for ever (jaxlib 0.10.1). `jax.lax.map` them, or render with `devices=jax.devices()[:1]`.
+
     Raises ValueError for n < 1, and RuntimeError (JAX's own) where a backend has started already.
     """
     if n < 1:

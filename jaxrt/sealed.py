@@ -5,13 +5,15 @@ by loop, even one that can be known whole. That costs more than tracing it. An o
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, TypeVar
 
 import jax
-import jax.numpy as jnp
 from jax import Array, lax
 from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
 from jax.interpreters import batching, mlir
+
+from jaxrt.batches import one_by_one
 
 Result = TypeVar("Result")
 
@@ -38,16 +40,7 @@ mlir.register_lowering(_sealed, mlir.lower_fun(_evaluate, multiple_results=True)
 
 
 def _batch(operands: Sequence[Array], dims: Sequence[Any], *, program: ClosedJaxpr) -> tuple[list[Array], list[int]]:
-    mapped = [dim is not batching.not_mapped for dim in dims]
-    batch = [jnp.moveaxis(o, dim, 0) for o, dim, m in zip(operands, dims, mapped, strict=True) if m]
-
-    def one(batch: list[Array]) -> list[Array]:
-        values = iter(batch)
-        chosen = [next(values) if m else o for o, m in zip(operands, mapped, strict=True)]
-        return _sealed.bind(*chosen, program=program)
-
-    y = lax.map(one, batch)
-    return y, [0] * len(y)
+    return one_by_one(partial(_sealed.bind, program=program), operands, dims)
 
 
 batching.primitive_batchers[_sealed] = _batch

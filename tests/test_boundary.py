@@ -17,6 +17,7 @@ from edge_scenes import AXES, bumps, cells, corner_room, finite_difference, move
 import jaxrt
 from jaxrt.boundary import clearance_of, edge_tangent, sample_edges, splat
 from jaxrt.boundary.silhouettes import mesh_edges
+from jaxrt.sealed import sealed
 
 X, Y, Z = AXES
 ALL = {"lights.position", "lights.radius", "spheres.center", "spheres.radius", "meshes.vertices"} | {
@@ -72,6 +73,20 @@ def interior(scene, changes, depth, names):
 def edges(scene, changes, edge_plan, seed=7):
     tangent = tangent_of(scene, changes_of(scene, changes))
     return np.asarray(edge_tangent(scene, tangent, jnp.uint32(seed), edge_plan), float)
+
+
+def samples_of(scene, edge_plan, seed=7):
+    """Return the edges' samples. Sealed, as `edge_tangent` draws them: so both use one compiled program."""
+    return sealed(partial(sample_edges, plan=edge_plan), scene, jnp.uint32(seed))
+
+
+@cache
+def by_light(radius, axis):
+    """Return the finite difference by a coordinate of the light, and the part of the derivative inside of edges."""
+    scene, depth = scene_of(radius), 1 if radius == 0 else 3
+    reference = finite_difference(scene, "lights.position", AXES[axis][None], 0.03, 1024, depth)
+    names = ALL if depth == 1 else LIGHT
+    return reference, interior(scene, {"lights.position": AXES[axis][None]}, depth, names)
 
 
 # Silhouettes
@@ -167,13 +182,11 @@ def test_straight_shadow_edge_has_its_closed_form(axis):
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.5])
-@pytest.mark.parametrize("direction", [X, Z], ids=["x", "z"])
-def test_light_position(radius, direction):
-    scene, depth = scene_of(radius), 1 if radius == 0 else 3
-    change = {"lights.position": direction[None]}
-    reference = finite_difference(scene, "lights.position", direction[None], 0.03, 1024, depth)
-    inside = interior(scene, change, depth, ALL if depth == 1 else LIGHT)
-    total = inside + edges(scene, change, DIRECT if depth == 1 else INDIRECT)
+@pytest.mark.parametrize("axis", [0, 2], ids=["x", "z"])
+def test_light_position(radius, axis):
+    reference, inside = by_light(radius, axis)
+    change = {"lights.position": AXES[axis][None]}
+    total = inside + edges(scene_of(radius), change, DIRECT if radius == 0 else INDIRECT)
     assert relative(cells(total), cells(reference)) < 0.05
     assert relative(bumps(total), bumps(reference)) < 0.02
     assert relative(cells(inside), cells(reference)) > 0.25
@@ -194,8 +207,7 @@ def test_large_close_light():
 
 def test_indirect_light_has_its_share_of_the_edges():
     scene, change = scene_of(0.5), {"lights.position": X[None]}
-    reference = finite_difference(scene, "lights.position", X[None], 0.03, 1024, 3)
-    inside = interior(scene, change, 3, LIGHT)
+    reference, inside = by_light(0.5, 0)
     tangent = tangent_of(scene, changes_of(scene, change))
 
     def part(samples):
@@ -203,7 +215,7 @@ def test_indirect_light_has_its_share_of_the_edges():
         return np.asarray(splat(samples, moves, (64, 64)), float)
 
     # Four times the samples: those of one seed leave the indirect part's noise at 0.5 % of the whole
-    parts = [[part(samples) for samples in sample_edges(scene, jnp.uint32(seed), INDIRECT)] for seed in range(4)]
+    parts = [[part(samples) for samples in samples_of(scene, INDIRECT, seed)] for seed in range(4)]
     direct, indirect, outlines = np.mean(parts, axis=0)
     without = inside + direct + outlines
     complete = without + indirect
@@ -279,7 +291,7 @@ def test_reverse_mode_is_the_transpose_of_forward_mode():
     scene, rng = scene_of(0.5), np.random.default_rng(1)
     change = {k: jnp.asarray(rng.normal(size=v.shape), jnp.float32) for k, v in values_of(scene).items()}
     weights = jax.random.normal(jax.random.key(0), (64, 64, 3))
-    groups = sample_edges(scene, jnp.uint32(7), INDIRECT)
+    groups = samples_of(scene, INDIRECT)
 
     @jax.jit
     def linear(change):
@@ -339,13 +351,13 @@ def test_everything_stays_finite(case):
     if value is None:
         value = jaxrt.parameters(scene)["meshes.vertices"][0] + 2 * Y
     scene = jaxrt.with_parameters(scene, {name: changes_of(scene, {name: value})[name]})
-    groups = sample_edges(scene, jnp.uint32(7), INDIRECT)
+    groups = samples_of(scene, INDIRECT)
     for leaf in jax.tree.leaves((groups, gradient_of(scene, groups))):
         assert np.all(np.isfinite(np.asarray(leaf)))
 
 
 def test_no_light_and_nothing_that_blocks_make_no_edges():
     scene = scene_of(0.5)
-    assert sample_edges(replace(scene, lights=None), jnp.uint32(7), plan(512, 1, lights=True)) == ()
+    assert samples_of(replace(scene, lights=None), plan(512, 1, lights=True)) == ()
     alone = replace(scene, spheres=None, triangles=None, lights=replace(scene.lights, radius=None))
-    assert sample_edges(alone, jnp.uint32(7), plan(512, 1, geometry=True, lights=True)) == ()
+    assert samples_of(alone, plan(512, 1, geometry=True, lights=True)) == ()

@@ -8,51 +8,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command import BALL, run, working_folder
 
 from jaxrt import cli, summary
 from jaxrt.io.image import load_image, save_image
 from jaxrt.io.scene_file import read_description
 
 ROOT = Path(__file__).parents[1]
-SCENE = """
-[camera]
-position = [0, 0, 30]
-width    = 16
-height   = 12
-
-[render]
-spp       = 2
-max_depth = 1
-
-[materials.white]
-type   = "diffuse"
-albedo = [0.8, 0.8, 0.8]
-
-[[spheres]]
-center   = [0, 0, 0]
-radius   = 10
-material = "white"
-
-[[lights]]
-position  = [-10, 20, 30]
-intensity = 2000
-"""
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """An empty working folder with ball.toml in it; the backend of the tests keeps its devices and cache."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(cli, "_start_jax", lambda cores: None)
-    (tmp_path / "ball.toml").write_text(SCENE)
-    return tmp_path
-
-
-def run(capsys, *argv):
-    """Return the exit status and what went to stdout and stderr."""
-    status = cli.main([str(a) for a in argv])
-    captured = capsys.readouterr()
-    return status, captured.out, captured.err
+    """An empty working folder with ball.toml in it."""
+    return working_folder(tmp_path, monkeypatch)
 
 
 def refused(capsys, folder, *argv):
@@ -131,7 +99,7 @@ def test_jax_is_started_with_the_cores_and_a_cache(tmp_path, monkeypatch):
 
 
 def test_warnings_are_one_line_each_and_no_error(folder, capsys):
-    (folder / "dark.toml").write_text(SCENE.split("[[lights]]")[0])
+    (folder / "dark.toml").write_text(BALL.split("[[lights]]")[0])
     status, _, err = run(capsys, "render", "dark.toml")
     assert status == 0
     assert err.startswith("jaxrt: warning: no light and no environment: the picture is black, add [[lights]]")
@@ -168,7 +136,7 @@ BAD_SCENES = [
 
 @pytest.mark.parametrize(("old", "new", "message"), BAD_SCENES)
 def test_bad_scenes_are_refused_by_render_and_info(folder, capsys, old, new, message):
-    (folder / "bad.toml").write_text(SCENE.replace(old, new))
+    (folder / "bad.toml").write_text(BALL.replace(old, new))
     for command in ("render", "info"):
         line = refused(capsys, folder, command, "bad.toml")
         assert line.startswith("bad.toml: ") and message in line
@@ -312,7 +280,7 @@ def test_info_tells_of_meshes(folder, capsys, monkeypatch):
     rows = ["0 0 0", "1 0 0", "1 1 0", "0 1 0"]
     (folder / "quad.obj").write_text("".join(f"v {row}\n" for row in rows) + "f 1 2 3 4\nf 1 1 2\n")
     mesh = "[[meshes]]\nfile = 'quad.obj'\nmaterial = 'white'\n"
-    (folder / "quad.toml").write_text(SCENE + mesh)
+    (folder / "quad.toml").write_text(BALL + mesh)
     status, out, _ = run(capsys, "info", "quad.toml")
     assert status == 0
     for piece in ("1 meshes, 0 triangles", "quad.obj │ 2     │ 4        │ 1", "brute force: every face is tested"):
@@ -361,7 +329,7 @@ def test_help_tells_the_commands(capsys):
 
 
 def test_the_command_as_a_process(tmp_path):
-    (tmp_path / "ball.toml").write_text(SCENE)
+    (tmp_path / "ball.toml").write_text(BALL)
     environment = os.environ | {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path / "cache")}
     environment.pop("PYTHONWARNINGS", None)
     command = [sys.executable, "-m", "jaxrt", "render", "ball.toml", "--cores", "2"]

@@ -26,6 +26,7 @@ from jaxrt.selectors import parse_selector
 
 ROOT = Path(__file__).parent.parent
 SIZE, SPP = 32, 16
+ONE = jax.devices()[:1]  # as `use_cpu_cores` asks for a vmap of whole solves
 DIAGONAL = 16 * 2**0.5  # of the floor
 SEEN = [
     0,
@@ -52,7 +53,7 @@ def solve_from(scene: jaxrt.Scene, target: jax.Array, starts: jax.Array, edges: 
     @jaxrt.jacobian_once
     def residual(position, args):
         lit = jaxrt.with_parameters(scene, {"lights.position": position})
-        return (jaxrt.render(lit, 0, spp=SPP, boundary_samples=edges) - target).ravel()
+        return (jaxrt.render(lit, 0, spp=SPP, boundary_samples=edges, devices=ONE) - target).ravel()
 
     def solve(position):
         method = optx.LevenbergMarquardt(rtol=1e-3, atol=1e-4)
@@ -82,7 +83,7 @@ def test_albedos_of_a_room_are_found_from_20_starts() -> None:
     @jaxrt.jacobian_once
     def residual(u, args):
         colored = jaxrt.with_parameters(scene, {"materials.albedo": jax.nn.sigmoid(u)})
-        return (jaxrt.render(colored, 0, spp=SPP, max_depth=1) - target).ravel()
+        return (jaxrt.render(colored, 0, spp=SPP, max_depth=1, devices=ONE) - target).ravel()
 
     def solve(u):
         method = optx.LevenbergMarquardt(rtol=1e-2, atol=1e-3)

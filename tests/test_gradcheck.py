@@ -5,9 +5,9 @@ import warnings
 
 import numpy as np
 import pytest
+from command import BALL, run, working_folder
 
 import jaxrt
-from jaxrt import cli
 from jaxrt.description import parse_description
 from jaxrt.gradcheck import Component, heatmap
 from jaxrt.gradcheck.coverage import coverage
@@ -207,48 +207,18 @@ def test_a_point_light_among_others_has_no_central_difference_in_its_radius():
 
 # The command
 
-TOML = """
-[camera]
-position = [0, 0, 30]
-width    = 128
-height   = 96
-
-[render]
-max_depth = 1
-
-[materials.white]
-type   = "diffuse"
-albedo = [0.8, 0.8, 0.8]
-
-[[spheres]]
-center   = [0, 0, 0]
-radius   = 10
-material = "white"
-
-[[lights]]
-position  = [-10, 20, 30]
-intensity = 2000
-"""
+LARGE = BALL.replace("width    = 16", "width    = 128").replace("height   = 12", "height   = 96")
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(cli, "_start_jax", lambda cores: None)
-    (tmp_path / "ball.toml").write_text(TOML)
-    return tmp_path
-
-
-def run(capsys, *argv):
-    status = cli.main(["gradcheck", *(str(a) for a in argv)])
-    captured = capsys.readouterr()
-    return status, captured.out, captured.err
+    return working_folder(tmp_path, monkeypatch, LARGE)
 
 
 def test_the_command_tells_and_draws(folder, capsys):
     """Pictures are made small: 64 pixels on the longer side."""
     arguments = ("ball.toml", "materials.albedo[white]", "-o", "a.png", "--spp", 4, "--seeds", 2, "--component", 1)
-    status, out, err = run(capsys, *arguments)
+    status, out, err = run(capsys, "gradcheck", *arguments)
     assert status == 0, out
     assert "d(picture)/d(materials.albedo[0]): 4 spp, max_depth 1, 0 boundary samples, 2 seeds" in out
     assert re.search(r"^materials\.albedo\[0\] g = 0\.8, step 0\.02$", out, re.M)
@@ -263,7 +233,9 @@ def test_the_command_fails_where_derivatives_differ(folder, capsys, monkeypatch)
 
     true = package.__globals__["_derivative"]
     monkeypatch.setitem(package.__globals__, "_derivative", lambda *a: tuple(1.1 * part for part in true(*a)))
-    status, out, _ = run(capsys, "ball.toml", "materials.albedo", "--spp", 4, "--seeds", 2, "--component", 1)
+    status, out, _ = run(
+        capsys, "gradcheck", "ball.toml", "materials.albedo", "--spp", 4, "--seeds", 2, "--component", 1
+    )
     assert status == 1 and re.search(r"^  differs by 10 % ", out, re.M)
 
 
@@ -283,7 +255,7 @@ def test_bad_arguments_are_told_in_one_line(folder, capsys, arguments, message):
     before = sorted(folder.iterdir())
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        status, out, err = run(capsys, *arguments)
+        status, out, err = run(capsys, "gradcheck", *arguments)
     assert (status, out) == (2, "") and err.count("\n") == 1
     assert re.search(message, err.removeprefix("jaxrt: error: "))
     assert sorted(folder.iterdir()) == before

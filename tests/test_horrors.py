@@ -1,6 +1,6 @@
 """Every parameter of scenes with everything: forward = reverse, and no NaN or infinity at the worst corners.
 
-Compilation is what costs here, so each scene has one program forwards and one backwards, fed with all parameters.
+Compilation is what costs here, so each scene has one program, forwards and backwards, fed with all parameters.
 Specular surfaces and the environment have a scene without edge terms, since edges seen in them are not sampled.
 """
 
@@ -113,20 +113,16 @@ def picture(kind, values):
 
 
 @partial(jax.jit, static_argnums=0)
-def forwards(kind, values, changes):
-    return jax.jvp(partial(picture, kind), (values,), (changes,))
+def both_ways(kind, values, changes, weights):
+    """Return the picture (48, 64, 3), its change along `changes`, and the weights (48, 64, 3) pulled back to values."""
+    image, forwards = jax.linearize(partial(picture, kind), values)
+    (pulled,) = jax.linear_transpose(forwards, values)(weights)
+    return image, forwards(changes), pulled
 
 
-@partial(jax.jit, static_argnums=0)
-def backwards(kind, values, weights):
-    return jax.vjp(partial(picture, kind), values)[1](weights)[0]
-
-
-@cache
-def pulled_back(kind):
-    """Return weights of a picture (48, 64, 3), and their pull-back to all parameters."""
-    weights = np.random.default_rng(0).normal(size=(48, 64, 3)).astype(np.float32)
-    return weights, backwards(kind, jaxrt.parameters(scene_of(kind)), weights)
+def all_at_once(kind, values):
+    """Return the picture, its change where every number grows alike, and the derivatives of the picture's sum."""
+    return both_ways(kind, values, jax.tree.map(jnp.ones_like, values), jnp.ones((48, 64, 3), jnp.float32))
 
 
 @pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind, names in NAMES.items() for name in names])
@@ -136,8 +132,8 @@ def test_forward_is_the_transpose_of_reverse(figures, kind, name):
     assert values.keys() == set(NAMES[kind])
     v = np.random.default_rng(1).normal(size=values[name].shape).astype(np.float32)
     changes = {k: jnp.zeros_like(x) for k, x in values.items()} | {name: jnp.asarray(v)}
-    _, change = forwards(kind, values, changes)
-    weights, pulled = pulled_back(kind)
+    weights = np.random.default_rng(0).normal(size=(48, 64, 3)).astype(np.float32)
+    _, change, pulled = both_ways(kind, values, changes, jnp.asarray(weights))
     terms = weights.astype(float) * np.asarray(change, float)
     assert abs(terms).sum() > 1e-3
     error = abs(np.sum(np.asarray(pulled[name], float) * v) - terms.sum()) / abs(terms).sum()
@@ -151,7 +147,7 @@ def test_edges_do_not_touch_the_picture():
     plain = jaxrt.render(scene_of("balls"), 3, spp=2, max_depth=3, devices=ONE)
     values = jaxrt.parameters(scene_of("balls"))
     np.testing.assert_array_equal(picture("balls", values), plain)
-    beside, _ = forwards("balls", values, jax.tree.map(jnp.ones_like, values))
+    beside = all_at_once("balls", values)[0]
     np.testing.assert_allclose(beside, plain, rtol=1e-5, atol=1e-6)
 
 
@@ -219,8 +215,7 @@ def test_horrors_have_finite_derivatives(figures, kind, name):
     """With respect to every parameter, forwards and backwards, edges included."""
     values = jaxrt.parameters(scene_of(kind))
     values |= {k: jnp.asarray(v, jnp.float32) for k, v in HORRORS[kind][name].items()}
-    image, change = forwards(kind, values, jax.tree.map(jnp.ones_like, values))
-    pulled = backwards(kind, values, jnp.ones((48, 64, 3), jnp.float32))
+    image, change, pulled = all_at_once(kind, values)
     wrong = sum(np.count_nonzero(~np.isfinite(x)) for x in (image, change, *pulled.values()))
     figures("A1", "numbers not finite of pictures and derivatives at 44 corners of three scenes", ours=wrong, at_most=0)
 
@@ -261,8 +256,7 @@ def test_fuzzed_values_have_finite_derivatives(kind):
     @example({"camera.position": np.zeros(3, np.float32)})  # looks along `up`, so that its frame is 0
     def draws(changes):
         values = jaxrt.parameters(scene_of(kind)) | {k: jnp.asarray(v) for k, v in changes.items()}
-        image, change = forwards(kind, values, jax.tree.map(jnp.ones_like, values))
-        pulled = backwards(kind, values, jnp.ones((48, 64, 3), jnp.float32))
+        image, change, pulled = all_at_once(kind, values)
         numbers = {"picture": image, "change": change, **pulled}
         bad = [name for name, x in numbers.items() if not jnp.isfinite(x).all()]
         assert not bad, bad

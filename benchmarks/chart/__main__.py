@@ -25,20 +25,22 @@ from benchmarks.chart.measure import Sweep
 from benchmarks.chart.peer import Peer
 from benchmarks.chart.references import cache_folder
 from benchmarks.chart.store import draw_all, save
-from benchmarks.chart.studies import STUDIES, Settings
+from benchmarks.chart.studies import STUDIES, Methods, Settings
 from benchmarks.jaxrt_side import use_cores
 from benchmarks.processes import cpu_model, find_peer, wide_console
 
 FULL = Sweep(short=(1, 4, 16, 64, 256), long=(1024, 4096), seeds=16, few=4)
-QUICK = Sweep(short=(1, 4, 16, 64), long=(), seeds=2, few=2)
+QUICK = Sweep(short=(1, 4), long=(), seeds=2, few=2)
+# Every kind of method once: what is left out differs in numbers alone, and compiling is most of a quick run
+QUICK_METHODS = Methods(("sobol", "stratified"), ("sobol",), depths=(1, 4, 5, 8), edges=(16384,), steps=(0.1,))
 DERIVATIVES = "derivatives"
 
 
 def settings_of(quick: bool, progress: Progress, peer: Peer | None) -> Settings:
     """Return how much is measured."""
     if quick:
-        return Settings(QUICK, (256, 4), (64, 2), 8, cache_folder(), progress, peer)
-    return Settings(FULL, (8192, 8), (1024, 8), 128, cache_folder(), progress, peer)
+        return Settings(QUICK, (16, 2), (4, 2), 8, QUICK_METHODS, cache_folder(), progress, peer)
+    return Settings(FULL, (8192, 8), (1024, 8), 128, Methods(), cache_folder(), progress, peer)
 
 
 def circumstances(peer: str, quick: bool) -> dict[str, str]:

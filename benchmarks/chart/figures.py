@@ -60,24 +60,28 @@ def lengths_table(curves: Curves, lengths: tuple[int, ...] = (4, 64, 1024)) -> s
 
 
 def ratio(curves: Curves, ours: str, theirs: str, target: float = TARGET) -> float:
-    """Return how much of the time of `theirs` `ours` takes to the same error; NaN where one does not get there."""
-    a, b = crossing(curves[ours], target), crossing(curves[theirs], target)
+    """Return how much of the time of `theirs` `ours` takes to the same error; NaN where one is missing or too bad."""
+    a, b = (crossing(curves.get(name, []), target) for name in (ours, theirs))
     return float("nan") if a is None or b is None else a.seconds / b.seconds
 
 
 def mean_ratio(curves: Curves, a: str, b: str, least: int = 16) -> float:
-    """Return the geometric mean of time of a / time of b over the points of equal, not too few samples."""
+    """Return the geometric mean of time of a / time of b over points of equal, not too few samples; NaN of none."""
     pairs = [(p, q) for p in curves[a] for q in curves[b] if p.spp == q.spp >= least]
-    return float(np.exp(np.mean([np.log(p.seconds / q.seconds) for p, q in pairs])))
+    return float(np.exp(np.mean([np.log(p.seconds / q.seconds) for p, q in pairs]))) if pairs else float("nan")
 
 
 def slopes(curves: Curves) -> str:
     """Return how fast the errors of jaxrt's samplers fall."""
     found = []
-    for name in ("sobol", "stratified", "independent"):
-        points = [p for p in curves[name] if p.error > 0 and p.spp >= 16]
+    for name, curve in curves.items():
+        points = [p for p in curve if p.error > 0 and p.spp >= 16]
+        if name.startswith("Mitsuba") or len(points) < 2:
+            continue
         slope = np.polyfit(np.log([p.spp for p in points]), np.log([p.error for p in points]), 1)[0]
         found.append(f"{slope:.2f} (`{name}`)".replace("-", "−"))
+    if not found:
+        return "Too few samples to tell how fast the error falls."
     return f"From 16 samples on the error falls with the number of samples to the power {', '.join(found)}."
 
 
@@ -161,7 +165,8 @@ def depth_figures(study: Study) -> Figures:
     for name, points in study.curves.items():
         told = [text for p in (at(points, 64), at(points, 1024)) for text in (percent(p.error), f"{p.seconds:.3f}")]
         rows.append([name, percent(floors[name]), *told])
-    shares = [floors[f"max_depth {d + 1}"] / floors[f"max_depth {d}"] for d in range(3, 8)]
+    depths = {int(name.split()[-1]): floor for name, floor in floors.items()}
+    shares = [depths[d + 1] / depths[d] for d in depths if d >= 3 and d + 1 in depths]
     front = pareto_front(study.curves)
     names = {p: name.split()[-1] for name, points in study.curves.items() for p in points}
     walk = [f"depth {names[p]} at {percent(p.error)}" for p in front]

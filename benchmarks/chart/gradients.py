@@ -13,7 +13,8 @@ from benchmarks.chart.closed import light_derivative
 from benchmarks.chart.measure import Metric, measure
 from benchmarks.chart.references import cached, content_key
 from benchmarks.chart.studies import Settings, Study
-from benchmarks.chart.subjects import SHADOW, Draw, Drawn, seconds_of
+from benchmarks.chart.subjects import SHADOW, Draw, Drawn
+from benchmarks.clock import cpu_seconds
 from benchmarks.edges import bumps
 from benchmarks.samplers import Reference
 from jaxrt import boundary
@@ -21,8 +22,6 @@ from jaxrt.edges import moving_edges
 from jaxrt.render import draw_sum, prepare
 
 AXIS = 0
-EDGES = (1024, 4096, 16384, 65536)  # samples of moving edges
-STEPS = (0.1, 0.01)  # of finite differences, scene units
 PEERS = ("path", "prb", "direct_projective", "prb_projective")  # Mitsuba's integrators
 LONGEST = 1024  # samples a pixel
 
@@ -57,8 +56,8 @@ def _methods(settings: Settings) -> tuple[dict[str, Draw], dict[str, str]]:
     """Return all methods, and what those of Mitsuba say that give no derivative here."""
     scene = SHADOW.scene()
     methods = {"interior only": _forward(scene, 0)}
-    methods |= {f"with {n:,} edge samples": _forward(scene, n) for n in EDGES}
-    methods |= {f"finite differences, step {h}": _difference(scene, h) for h in STEPS}
+    methods |= {f"with {n:,} edge samples": _forward(scene, n) for n in settings.methods.edges}
+    methods |= {f"finite differences, step {h}": _difference(scene, h) for h in settings.methods.steps}
     silent = {}
     for name in PEERS if settings.peer else ():
         assert settings.peer
@@ -95,7 +94,7 @@ def _each_length(program: Callable[[jax.Array, jax.Array], Any]) -> Draw:
     def draw(seed: int, lengths: Sequence[int]) -> Drawn:
         drawn = {}
         for spp in lengths:
-            image, seconds = seconds_of(partial(compiled, jnp.uint32(seed), jnp.int32(spp)))
+            image, seconds = cpu_seconds(compiled, jnp.uint32(seed), jnp.int32(spp))
             drawn[spp] = np.asarray(image, np.float64), seconds
         return drawn
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,7 +25,16 @@ from benchmarks.chart.subjects import Draw, Subject, in_float64, jaxrt_method, p
 from benchmarks.samplers import Reference
 
 DEEP = 12  # events of the reference of the chart of depths
-DEPTHS = range(1, 9)
+
+
+class Methods(NamedTuple):
+    """Which of jaxrt's methods the charts compare: each is a program to compile."""
+
+    samplers: tuple[str, ...] = ("sobol", "stratified", "independent")
+    heavy_samplers: tuple[str, ...] = ("sobol", "stratified", "independent")  # in scenes that take ten times as long
+    depths: tuple[int, ...] = (1, 2, 3, 4, 5, 6, 7, 8)
+    edges: tuple[int, ...] = (1024, 4096, 16384, 65536)  # samples of moving edges
+    steps: tuple[float, ...] = (0.1, 0.01)  # of finite differences, scene units
 
 
 @dataclass(frozen=True)
@@ -36,6 +45,7 @@ class Settings:
     reference: tuple[int, int]  # samples a pixel and seeds of a long render
     heavy_reference: tuple[int, int]  # for scenes that take ten times as long
     quadrature: int  # midpoints across a pixel
+    methods: Methods
     cache: Path
     progress: Progress
     peer: Peer | None = None
@@ -70,11 +80,12 @@ def long_render(subject: Subject, settings: Settings, size: tuple[int, int], max
 
 
 def samplers(settings: Settings, subject: Subject, heavy: bool = False) -> Study:
-    """Return jaxrt's three samplers, and Mitsuba's independent and best one, on one scene."""
+    """Return jaxrt's samplers, and Mitsuba's independent and best one, on one scene."""
     reference = long_render(subject, settings, settings.heavy_reference if heavy else settings.reference)
     metric = relative_to_mean(reference)
     scene = subject.scene()
-    methods: dict[str, Draw] = {name: jaxrt_method(scene, name) for name in ("sobol", "stratified", "independent")}
+    names = settings.methods.heavy_samplers if heavy else settings.methods.samplers
+    methods: dict[str, Draw] = {name: jaxrt_method(scene, name) for name in names}
     facts: dict[str, Any] = {}
     sweep = settings.sweep.up_to(1024)._replace(seeds=min(settings.sweep.seeds, 8)) if heavy else settings.sweep
     if settings.peer:
@@ -97,28 +108,29 @@ def light_sampling(settings: Settings) -> Study:
 
 
 def depth(settings: Settings) -> Study:
-    """Return depths 1 to 8 against the picture of a greater one, and the share of light that each leaves out."""
+    """Return depths from 1 on against the picture of a greater one, and the share of light that each leaves out."""
     spp, seeds = settings.reference
     reference = long_render(subjects.SPHERE, settings, (max(spp // 4, 1), seeds), DEEP)
     metric, scene = relative_to_mean(reference), subjects.SPHERE.scene()
-    methods = {f"max_depth {d}": jaxrt_method(scene, max_depth=d) for d in DEPTHS}
+    depths = settings.methods.depths
+    methods = {f"max_depth {d}": jaxrt_method(scene, max_depth=d) for d in depths}
     sweep = settings.sweep.up_to(1024)._replace(seeds=settings.sweep.few)
     (curves,) = measure(methods, sweep, [metric], settings.progress)
-    facts = {"floors": _floors(scene, metric.scale, sweep.short[-1], sweep.few), "deep": DEEP}
+    facts = {"floors": _floors(scene, depths, metric.scale, sweep.short[-1], sweep.few), "deep": DEEP}
     return Study(curves, np.sqrt(reference.variance) / metric.scale, facts)
 
 
-def _floors(scene: jaxrt.Scene, scale: float, spp: int, seeds: int) -> dict[str, float]:
+def _floors(scene: jaxrt.Scene, depths: tuple[int, ...], scale: float, spp: int, seeds: int) -> dict[str, float]:
     """Return the RMS of what is cut off at each depth, over `scale`.
 
     Pictures of all depths are drawn with the same numbers, so that noise is left in nothing but the light cut off; its
     variance is subtracted.
     """
-    draws = {d: picture_method(scene, max_depth=d) for d in (*DEPTHS, DEEP)}
-    cut: dict[int, list[np.ndarray]] = {d: [] for d in DEPTHS}
+    draws = {d: picture_method(scene, max_depth=d) for d in (*depths, DEEP)}
+    cut: dict[int, list[np.ndarray]] = {d: [] for d in depths}
     for seed in range(2000, 2000 + seeds):
         deep = draws[DEEP](seed, [spp])[spp][0]
-        for d in DEPTHS:
+        for d in depths:
             cut[d].append(deep - draws[d](seed, [spp])[spp][0])
     floors = {}
     for d, pictures in cut.items():

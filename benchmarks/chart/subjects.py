@@ -1,6 +1,5 @@
 """The scenes of the charts, and jaxrt's ways to draw them."""
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -12,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxrt
+from benchmarks.clock import cpu_seconds
 from jaxrt.film import Plan, Run
 from jaxrt.io import read_description
 from jaxrt.render import draw_sum, prepare
@@ -46,20 +46,13 @@ MESH = Subject("room with a mesh of 26,000 faces", "scenes/seed/mesh_in_room.tom
 SHADOW = Subject("ball on a floor, point light", "scenes/ball_on_floor.toml")
 
 
-def seconds_of(action: Callable[[], Any]) -> tuple[Any, float]:
-    """Return what an action returns, finished, and the CPU seconds of this process that it took."""
-    start = time.process_time()
-    result = jax.block_until_ready(action())
-    return result, time.process_time() - start
-
-
 def picture_method(scene: jaxrt.Scene, **options: Any) -> Draw:
     """Return how `jaxrt.render` draws a scene: one call for each number of samples."""
 
     def draw(seed: int, lengths: Sequence[int]) -> Drawn:
         drawn = {}
         for spp in lengths:
-            image, seconds = seconds_of(partial(jaxrt.render, scene, seed, spp=spp, **options))
+            image, seconds = cpu_seconds(partial(jaxrt.render, scene, seed, spp=spp, **options))
             drawn[spp] = np.asarray(image, np.float64), seconds
         return drawn
 
@@ -86,7 +79,7 @@ def prefix_method(
             def rest(first: int = first, spp: int = spp) -> Any:
                 return program(*prepare(scene, seed, first, spp - first, spp, **options))
 
-            image, seconds = seconds_of(rest)
+            image, seconds = cpu_seconds(rest)
             total, spent, first = total + np.asarray(image, np.float64), spent + seconds, spp
             drawn[spp] = total / spp, spent
         return drawn
