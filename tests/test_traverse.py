@@ -11,7 +11,7 @@ import jaxrt
 from jaxrt.maths import FAR
 from jaxrt.records import Ray
 from jaxrt.shapes import Spheres, Triangles, find, geometry_of, occluded, topology_of
-from jaxrt.shapes.triangle import find_triangle, triangle_table
+from jaxrt.shapes.triangle import find_triangle, occluded_by_triangle, triangle_table
 from tests import meshes
 from tests.oracle import unit_vectors
 from tests.searches import rays_at
@@ -69,6 +69,28 @@ def test_one_ray_finds_what_many_find(ball):
     one = jax.jit(nearest)
     table = triangle_table(triangles)
     assert [int(one(table, o[i], d[i])[1]) for i in range(0, 256, 8)] == np.asarray(face)[::8].tolist()
+
+
+def test_packets_narrower_and_wider_than_a_leaf():
+    vertices, faces = meshes.icosphere(3)
+    triangles, rng, n = triangles_of(vertices, faces), np.random.default_rng(3), 128
+    # The tree's 179 leaves are 1/13 of its width across; rays of a packet differ by up to 0.5
+    widths = np.repeat([0.01, 0.1, 0.2, 0.4], n)[:, None]
+    d = [0.1, -0.3, 1.0] + 0.5 * widths * rng.uniform(-1, 1, (4 * n, 3))
+    d = jnp.asarray(d / np.linalg.norm(d, axis=1, keepdims=True), jnp.float32)
+    o = jnp.asarray([-0.3, 0.9, -3.0] + 0.5 * widths * rng.uniform(-1, 1, (4 * n, 3)), jnp.float32)
+    reach = jnp.asarray(rng.uniform(1.5, 4.5, 4 * n), jnp.float32)
+
+    @jax.jit
+    def search(mesh):
+        table = triangle_table(mesh)
+        blocked = jax.vmap(lambda o, d, reach: occluded_by_triangle(table, Ray(o, d), reach))(o, d, reach)
+        return *jax.vmap(nearest, (None, 0, 0))(table, o, d), blocked
+
+    (t, face, blocked), (true_t, true_face, true_blocked) = search(triangles), search(replace(triangles, bvh=None))
+    assert 0.5 < np.mean(face >= 0) and 0.1 < np.mean(blocked) < 0.9
+    assert np.array_equal(face, true_face) and np.allclose(t, true_t, rtol=1e-6)
+    assert np.array_equal(blocked, true_blocked)
 
 
 def test_float64():

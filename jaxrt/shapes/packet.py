@@ -4,10 +4,12 @@ A node's eight boxes are tested at once against the hull of the rays in the fram
 Soupikov and Hurley, "Multi-level ray tracing algorithm", 2005). Four planes bound the rays between the depth where the
 first starts and the depth where the last ends: through their extremes at both depths, since the largest of straight
 lines is convex in depth. So the hull is tight for rays from one point and for rays towards one point.
-Faces of a leaf that the hull meets are tested one by one against all rays at once.
+Faces of a leaf that the hull meets are tested one by one against all rays at once. Of a packet that is wider than a
+leaf few rays may meet it: its box is tested first, and few rays are tested one by one against all faces, as alone.
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import jax.numpy as jnp
 from jax import Array, lax
@@ -15,62 +17,133 @@ from jax import Array, lax
 from jaxrt.maths import FAR, unit_roundoff
 from jaxrt.native import once
 from jaxrt.shapes.boxes import Tree
-from jaxrt.shapes.bvh import WIDTH
 from jaxrt.shapes.edges import along_axis, hit_distance, shear
 from jaxrt.shapes.order import floats, largest, least, most, smallest
-from jaxrt.shapes.walk import TINY, face_of, keys, leaf_at, node_at, part, walk
+from jaxrt.shapes.walk import (
+    TINY,
+    closest,
+    face_of,
+    keys,
+    leaf_at,
+    leaf_distances,
+    node_at,
+    nonzero,
+    part,
+    put,
+    walk,
+)
+
+Numbers = tuple[Array, ...]  # (lanes,) each, x and y beside the main axis first
+FEW = 8  # no more rays than that are tested against a leaf one by one
 
 
 def walk_together(
-    any_hit: bool, tree: Tree, o: Array, d: Array, farthest: Array, axis: Array, sign: Array
+    any_hit: bool, tree: Tree, o: Array, d: Array, farthest: Array, axis: Array, sign: Array, within: Array
 ) -> tuple[Array, Array]:
     """Return (distance, face) of rays (3, lanes) that all go along `axis` to the side `sign`; as for `walk_alone`.
 
-    Lanes with farthest < 0 are dead.
+    Lanes with farthest < 0 are dead; at most 32 lanes. within: they are closer together than a leaf is wide.
     """
     places = [24 * jnp.where(axis + k > 2, axis + k - 3, axis + k) for k in (1, 2, 0)]
-    (ox, oy, oz), (dx, dy, dz) = (along_axis(axis, v) for v in (o, d))
+    origin, (dx, dy, dz) = (along_axis(axis, v) for v in (o, d))
     sx, sy, sz = dx / dz, dy / dz, 1 / dz
-    hull = _hull(tree, (ox, oy, oz), (sign * sx, sign * sy, sign * sz), farthest, places, sign)
+    hull = _hull(tree, origin, (sign * sx, sign * sy, sign * sz), farthest, places, sign)
 
     def keys_of(node: Array) -> Array:
         at = node_at(tree, node)
         sides = [floats(part(tree.words, at + side + (k // 3 & 24))) for k in places for side in (0, 24)]
         return hull(*sides)
 
-    def met(number: Array) -> Array:
-        """Return one bit for each face that the hull meets."""
-        at, sides = leaf_at(tree, number), []
-        for k in places:
-            a, b, c = (floats(part(tree.words, at + (k & 56) + 8 * corner)) for corner in range(3))
-            sides += [least(least(a, b), c), most(most(a, b), c)]
-        found = hull(*sides)
-        ok = (found < jnp.iinfo(found.dtype).max) & (part(tree.words, at + 72) >= 0)
-        return jnp.sum(jnp.where(ok, 1 << lax.iota(jnp.int32, WIDTH), 0), dtype=jnp.int32)
+    meet = _rays_in(tree, origin, (1 / nonzero(dx), 1 / nonzero(dy), sz), places)
+    by_ray = _by_ray(any_hit, tree, (*origin, sx, sy, sz), places)
+    by_face = _by_face(any_hit, tree, (*origin, sx, sy, sz), places)
 
-    def distances(number: Array, slot: Array) -> Array:
-        at = leaf_at(tree, number) + (slot & 7)
-        corners = [[floats(part(tree.words, at + (k & 56) + 8 * corner, 1)) for k in places] for corner in range(3)]
-        return hit_distance([shear(x - ox, y - oy, z - oz, sx, sy, sz) for x, y, z in corners])
-
-    def leaf(number: Array, farthest: Array, face: Array) -> tuple[Array, Array]:
-        def one(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-            mask, farthest, face = state
-            slot = 31 - lax.clz(mask & -mask)
-            t = once(distances)(number, slot)
-            if any_hit:
-                return mask & (mask - 1), jnp.where(t < farthest, -1, farthest), face
-            f = face_of(tree, number, slot)
-            closer = (t < farthest) | ((t == farthest) & (f < face))
-            return mask & (mask - 1), jnp.where(closer, t, farthest), jnp.where(closer, f, face)
-
-        return lax.while_loop(lambda s: s[0] != 0, one, (once(met)(number), farthest, face))[1:]
+    def leaf(number: Array, box: Array, farthest: Array, face: Array) -> tuple[Array, Array]:
+        rays = lax.cond(within, lambda *_: jnp.int32(-1), once(meet), box, farthest)
+        few = lax.population_count(rays) <= FEW
+        faces = lax.cond(few, lambda _: jnp.int32(0), once(partial(_faces_in, tree, hull, places)), number)
+        return by_face(number, faces, *by_ray(number, jnp.where(few, rays, 0), farthest, face))
 
     return walk(tree, keys_of, leaf, farthest)
 
 
+def _rays_in(tree: Tree, origin: Numbers, inverse: Numbers, places: list[Array]) -> Callable[[Array, Array], Array]:
+    """Return the test of all rays against one box, by its place among the words, that gives a bit for each ray."""
+
+    def test(box: Array, farthest: Array) -> Array:
+        ends = [[floats(part(tree.words, box + side + (k // 3 & 24), 1)) for k in places] for side in (0, 24)]
+        a, b = ([(x - v) * i for x, v, i in zip(end, origin, inverse, strict=True)] for end in ends)
+        near, far = ([f(p, q) for p, q in zip(a, b, strict=True)] for f in (least, most))
+        enter = most(most(near[0], near[1]), most(near[2], 0))
+        leave = least(least(far[0], far[1]), least(far[2], farthest)) * (1 + 8 * unit_roundoff(farthest))
+        return _mask(enter <= leave)
+
+    return test
+
+
+def _faces_in(tree: Tree, hull: Callable[..., Array], places: list[Array], leaf: Array) -> Array:
+    """Return one bit for each face of a leaf that the hull meets."""
+    at, sides = leaf_at(tree, leaf), []
+    for k in places:
+        a, b, c = (floats(part(tree.words, at + (k & 56) + 8 * corner)) for corner in range(3))
+        sides += [least(least(a, b), c), most(most(a, b), c)]
+    found = hull(*sides)
+    return _mask((found < jnp.iinfo(found.dtype).max) & (part(tree.words, at + 72) >= 0))
+
+
+def _by_ray(any_hit: bool, tree: Tree, rays: Numbers, places: list[Array]) -> Callable[..., tuple[Array, Array]]:
+    """Return the test of the rays in a mask, one after another, against all faces of a leaf."""
+
+    def distances(leaf: Array, lane: Array) -> Array:
+        return leaf_distances(tree, leaf, places, [part(x, lane, 1) for x in rays])
+
+    def one(leaf: Array, lane: Array, farthest: Array, face: Array) -> tuple[Array, Array]:
+        t = once(distances)(leaf, lane)
+        mine = closest(any_hit, tree, leaf, t, *(part(x, lane, 1)[0] for x in (farthest, face)))
+        return put(farthest, mine[0][None], lane), put(face, mine[1][None], lane)
+
+    return partial(_each, one)
+
+
+def _by_face(any_hit: bool, tree: Tree, rays: Numbers, places: list[Array]) -> Callable[..., tuple[Array, Array]]:
+    """Return the test of the faces in a mask, one after another, against all rays."""
+    ox, oy, oz, *slopes = rays
+
+    def distances(leaf: Array, slot: Array) -> Array:
+        at = leaf_at(tree, leaf) + (slot & 7)
+        corners = [[floats(part(tree.words, at + (k & 56) + 8 * corner, 1)) for k in places] for corner in range(3)]
+        return hit_distance([shear(x - ox, y - oy, z - oz, *slopes) for x, y, z in corners])
+
+    def one(leaf: Array, slot: Array, farthest: Array, face: Array) -> tuple[Array, Array]:
+        t = once(distances)(leaf, slot)
+        if any_hit:
+            return jnp.where(t < farthest, -1, farthest), face
+        f = face_of(tree, leaf, slot)
+        closer = (t < farthest) | ((t == farthest) & (f < face))
+        return jnp.where(closer, t, farthest), jnp.where(closer, f, face)
+
+    return partial(_each, one)
+
+
+def _each(
+    one: Callable[..., tuple[Array, Array]], leaf: Array, mask: Array, farthest: Array, face: Array
+) -> tuple[Array, Array]:
+    """Return (farthest, face) after one(leaf, bit, farthest, face) for each bit of the mask."""
+
+    def body(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        mask, *found = state
+        return mask & (mask - 1), *one(leaf, 31 - lax.clz(mask & -mask), *found)
+
+    return lax.while_loop(lambda state: state[0] != 0, body, (mask, farthest, face))[1:]
+
+
+def _mask(bits: Array) -> Array:
+    """Return booleans (n,) as the bits of one integer."""
+    return jnp.sum(jnp.where(bits, 1 << lax.iota(jnp.int32, bits.shape[0]), 0), dtype=jnp.int32)
+
+
 def _hull(
-    tree: Tree, o: tuple[Array, ...], slopes: tuple[Array, ...], farthest: Array, places: list[Array], sign: Array
+    tree: Tree, o: Numbers, slopes: Numbers, farthest: Array, places: list[Array], sign: Array
 ) -> Callable[..., Array]:
     """Return the test of eight boxes, given by least and largest x, y, z, that gives their keys.
 

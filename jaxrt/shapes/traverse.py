@@ -83,7 +83,7 @@ def _packet_or_singles(any_hit: bool, tree: Tree, o: Array, d: Array, farthest: 
             # Lanes that take no part go along the axis: no division by 0
             along = jnp.where(lax.iota(jnp.int32, 3) == axis, sign, 0)
             together = jnp.where(members[None], d, along[:, None])
-            found = walk_together(any_hit, tree, o, together, jnp.where(members, farthest, -1), axis, sign)
+            found = walk_together(any_hit, tree, o, together, jnp.where(members, farthest, -1), axis, sign, within)
             return jnp.where(members, found[0], distance), jnp.where(members, found[1], face)
 
         def later() -> tuple[Array, Array]:
@@ -93,8 +93,8 @@ def _packet_or_singles(any_hit: bool, tree: Tree, o: Array, d: Array, farthest: 
         return left & ~members, *lax.cond(worth, packet, later)
 
     alive = farthest > 0
-    narrow = min(SPREAD, ACROSS / tree.leaves**0.5)
-    near = (_spread(d, alive) < narrow) & (_spread(o, alive) < narrow * tree.reach)
+    side, spread, apart = 1 / tree.leaves**0.5, _spread(d, alive), _spread(o, alive)
+    near, within = ((spread < w) & (apart < w * tree.reach) for w in (min(SPREAD, ACROSS * side), side))
     start = alive & near, farthest, jnp.where(alive & ~near, jnp.int32(ALONE), -1)
     found = lax.while_loop(lambda state: jnp.any(state[0]), group, start)[1:]
     return lax.cond(jnp.any(found[1] == ALONE), partial(_singles, any_hit, tree, o, d), lambda *found: found, *found)
