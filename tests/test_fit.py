@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 import pytest
+from command import working_folder
 
 import jaxrt
 from jaxrt import cli
@@ -223,9 +224,7 @@ intensity = 40
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A working folder with a scene, ball.toml, and a picture of it with another albedo, target.exr."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(cli, "_start_jax", lambda cores: None)
-    (tmp_path / "ball.toml").write_text(SCENE)
+    working_folder(tmp_path, monkeypatch, SCENE)
     (tmp_path / "truth.toml").write_text(SCENE.replace("[0.5, 0.5, 0.5]", "[0.7, 0.3, 0.1]"))
     jaxrt.save_image("target.exr", jaxrt.render(jaxrt.load_scene("truth.toml"), 1, spp=128))
     return tmp_path
