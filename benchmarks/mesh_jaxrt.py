@@ -52,19 +52,14 @@ def searcher(any_hit: bool) -> Callable[..., Any]:
 
     @jax.jit
     def search(geometry: Any, o: Any, d: Any, reach: Any) -> Any:
-        leaves, structure = jax.tree.flatten(geometry)
-
         def packet(operands: Any, k: Any) -> Any:
-            *leaves, o, d, reach = operands
-            geometry, rays = structure.unflatten(leaves), (o, d, reach)
+            geometry, *rays = operands
             rows = [lax.dynamic_slice_in_dim(x, k * LANES, LANES) for x in rays]
             if any_hit:
                 return jax.vmap(lambda o, d, reach: occluded(geometry, Ray(o, d), reach))(*rows)
             return jax.vmap(lambda o, d, _: find(geometry, Ray(o, d)))(*rows)
 
-        # Leaf by leaf: `map_packets` joins what is in one, which copies the whole tree
-        operands = (*leaves, o, d, reach)
-        return map_packets(packet, operands, jnp.arange(reach.shape[0] // LANES, dtype=jnp.int32))
+        return map_packets(packet, (geometry, o, d, reach), jnp.arange(reach.shape[0] // LANES, dtype=jnp.int32))
 
     return search
 

@@ -20,6 +20,8 @@ from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend.core import ClosedJaxpr
 from jax.sharding import Mesh, PartitionSpec, get_abstract_mesh, use_abstract_mesh
 
+LARGE = 100_000  # numbers: a leaf of more is not worth copying to join it with others
+
 Operands = TypeVar("Operands")
 Result = TypeVar("Result")
 
@@ -133,10 +135,11 @@ def _pack(tree: Operands) -> tuple[dict[str, Array], Callable[[dict[str, Array]]
     """Return the leaves in a few flat arrays, and the function that takes them apart again.
 
     One for each part of the tree and each dtype: a batch over one part, as of tangents, leaves the others as they are.
+    A large leaf has one of its own.
     """
     paths, structure = jax.tree.flatten_with_path(tree)
     leaves = [leaf for _, leaf in paths]
-    kinds = [f"{path[:1]} {leaf.dtype}" for path, leaf in paths]
+    kinds = [f"{path if leaf.size > LARGE else path[:1]} {leaf.dtype}" for path, leaf in paths]
     groups: dict[str, list[Any]] = {}
     for kind, leaf in zip(kinds, leaves, strict=True):
         groups.setdefault(kind, []).append(leaf)
