@@ -9,7 +9,6 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
@@ -24,7 +23,7 @@ from jaxrt.gradcheck import gradcheck, heatmap
 from jaxrt.io.image import check_suffix, load_image, save_image
 from jaxrt.io.scene_file import read_description
 from jaxrt.programs import load_or_compile
-from jaxrt.render import Plan, Run, draw_sum, prepare, use_cpu_cores
+from jaxrt.render import Plan, Run, prepare, use_cpu_cores
 from jaxrt.samplers import SAMPLERS
 from jaxrt.scene import Scene, build
 from jaxrt.selectors import parse_selector
@@ -267,8 +266,7 @@ def _draw(scene: Scene, seed: int, sampler: str, folder: Path | None) -> tuple[I
         # Draw no sample, which compiles all the same
         start = time.perf_counter()
         nothing = arguments(0, 0)
-        program = load_or_compile(folder, *nothing) if folder else partial(draw_sum, plan=nothing[2])
-        program(*nothing[:2])
+        program = load_or_compile(folder, *nothing)
         compiled = time.perf_counter()
         report(0)
         total = _accumulate(lambda first, count: np.asarray(program(*arguments(first, count)[:2])), spp, report)

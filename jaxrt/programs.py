@@ -10,6 +10,7 @@ import platform
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -25,26 +26,44 @@ from jaxrt.scene import Scene
 KEPT = 64  # programs in a folder, of about a megabyte each
 
 
-def load_or_compile(folder: Path, scene: Scene, run: Run, plan: Plan) -> Callable[[Scene, Run], Array]:
-    """Return the program of `draw_sum` for arguments of this structure, from the folder if it is there.
+def load_or_compile(folder: Path | None, scene: Scene, run: Run, plan: Plan) -> Callable[[Scene, Run], Array]:
+    """Return the program of `draw_sum` for arguments of this structure, from the folder if there is one and it is there.
 
-    A loaded program is tried with `run`, which should draw no sample: XLA tells only then what it cannot find in one.
+    It has run once, with `run`, which should draw no sample: only then XLA tells what it cannot find in a loaded one.
     Files in the folder are loaded as code: it must belong to the user.
     """
-    file = folder / f"{_fingerprint(scene, run, plan)}.program"
-    inputs, output = jax.tree.structure(((scene, run), {})), jax.tree.structure(0)
-    if file.exists():
-        try:
-            loaded = deserialize_and_load(file.read_bytes(), inputs, output, execution_devices=plan.devices)
-            jax.block_until_ready(loaded(scene, run))
-            file.touch()
+    program: Callable[[Scene, Run], Array] = partial(draw_sum, plan=plan)
+    if folder is not None:
+        file = folder / f"{_fingerprint(scene, run, plan)}.program"
+        loaded = _load(file, scene, run, plan)
+        if loaded is not None:
             return loaded
-        except Exception:  # whatever is wrong with the file, compiling mends it
-            file.unlink(missing_ok=True)
+        program = _compile(file, scene, run, plan)
+        _forget_oldest(folder)
+    jax.block_until_ready(program(scene, run))
+    return program
+
+
+def _load(file: Path, scene: Scene, run: Run, plan: Plan) -> Callable[[Scene, Run], Array] | None:
+    """Return the program in the file after a run, or None where there is none that runs."""
+    if not file.exists():
+        return None
+    inputs, output = jax.tree.structure(((scene, run), {})), jax.tree.structure(0)
+    try:
+        program = deserialize_and_load(file.read_bytes(), inputs, output, execution_devices=plan.devices)
+        jax.block_until_ready(program(scene, run))
+        file.touch()
+        return program
+    except Exception:  # whatever is wrong with the file, compiling mends it
+        file.unlink(missing_ok=True)
+        return None
+
+
+def _compile(file: Path, scene: Scene, run: Run, plan: Plan) -> Callable[[Scene, Run], Array]:
+    """Return the program, which from now on is in the file too."""
     with _cache_of_jax_off():
         program = draw_sum.lower(scene, run, plan).compile()
     _write(file, serialize(program)[0])
-    _forget_oldest(folder)
     return program
 
 

@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import BALL, run, working_folder
+from jax.stages import Compiled
 
-from jaxrt import cli, summary
+from jaxrt import cli, programs, summary
 from jaxrt.io.image import load_image, save_image
 from jaxrt.io.scene_file import read_description
+from jaxrt.render import Run
 
 ROOT = Path(__file__).parents[1]
 
@@ -45,6 +47,31 @@ def test_render_writes_the_picture_that_render_returns(folder, capsys):
     expected = jaxrt.render(jaxrt.load_scene("ball.toml"), 3)
     np.testing.assert_allclose(picture, expected, rtol=1e-6, atol=1e-7)
     assert picture[6, 8].min() > 0.05 and picture[0, 0].max() == 0
+
+
+@pytest.mark.parametrize("path", ["no folder", "compiled", "loaded"])
+def test_a_program_runs_once_before_it_draws(folder, capsys, monkeypatch, path):
+    """The time of compiling is told apart from that of drawing by a run of no samples, which a mesh makes dear."""
+    keep, calls = folder / "programs", []
+    keep.mkdir()
+    if path != "no folder":
+        monkeypatch.setattr(cli, "_start_jax", lambda cores: keep)
+    if path == "loaded":
+        run(capsys, "render", "ball.toml")
+    counted = {
+        "no folder": (programs, "draw_sum"),
+        "compiled": (Compiled, "__call__"),
+        "loaded": (Compiled, "__call__"),
+    }
+    original = getattr(*counted[path])
+
+    def count(*arguments, **options):
+        calls.append(next(int(a.end) - int(a.first) for a in arguments if isinstance(a, Run)))
+        return original(*arguments, **options)
+
+    monkeypatch.setattr(*counted[path], count)
+    assert run(capsys, "render", "ball.toml")[0] == 0
+    assert calls == [0, 1, 1]
 
 
 def test_the_default_output_is_a_png_in_the_current_folder(folder, capsys):
