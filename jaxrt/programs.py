@@ -5,9 +5,7 @@ half each time. Here the finished program is found by what determines it, withou
 """
 
 import hashlib
-import os
 import platform
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -22,12 +20,13 @@ from jax.experimental.serialize_executable import deserialize_and_load, serializ
 from jaxrt.film import Plan, Run
 from jaxrt.render import draw_sum
 from jaxrt.scene import Scene
+from jaxrt.writing import write_whole
 
 KEPT = 64  # programs in a folder, of about a megabyte each
 
 
 def load_or_compile(folder: Path | None, scene: Scene, run: Run, plan: Plan) -> Callable[[Scene, Run], Array]:
-    """Return the program of `draw_sum` for arguments of this structure, from the folder if there is one and it is there.
+    """Return the program of `draw_sum` for arguments of this structure, from the folder if it is there.
 
     It has run once, with `run`, which should draw no sample: only then XLA tells what it cannot find in a loaded one.
     Files in the folder are loaded as code: it must belong to the user.
@@ -63,7 +62,7 @@ def _compile(file: Path, scene: Scene, run: Run, plan: Plan) -> Callable[[Scene,
     """Return the program, which from now on is in the file too."""
     with _cache_of_jax_off():
         program = draw_sum.lower(scene, run, plan).compile()
-    _write(file, serialize(program)[0])
+    write_whole(file, partial(_write, serialize(program)[0]))
     return program
 
 
@@ -94,12 +93,10 @@ def _cache_of_jax_off() -> Iterator[None]:
 
 def _forget_oldest(folder: Path) -> None:
     """Keep the programs used last."""
-    for file in sorted(folder.glob("*.program"), key=lambda file: file.stat().st_mtime)[:-KEPT]:
+    for file in sorted(folder.glob("[!.]*.program"), key=lambda file: file.stat().st_mtime)[:-KEPT]:
         file.unlink(missing_ok=True)
 
 
-def _write(file: Path, program: bytes) -> None:
-    """Write the file whole or not at all."""
-    with tempfile.NamedTemporaryFile(dir=file.parent, delete=False) as part:
-        part.write(program)
-    os.replace(part.name, file)
+def _write(program: bytes, file: Path) -> None:
+    file.touch(mode=0o600)  # what is loaded as code is nobody else's
+    file.write_bytes(program)

@@ -225,14 +225,14 @@ def test_failures_of_saving_are_one_line(folder, capsys, monkeypatch):
     def full(source, target):
         raise OSError(28, "No space left on device", "b.png")
 
-    monkeypatch.setattr("jaxrt.io.image.os.replace", full)
+    monkeypatch.setattr("jaxrt.writing.os.replace", full)
     status, _, err = run(capsys, "render", "ball.toml", "-o", "b.png")
     assert status == 2
     assert err.endswith("jaxrt: error: b.png: No space left on device: choose another file\n")
     assert [p.name for p in folder.iterdir()] == ["ball.toml"]
 
 
-@pytest.mark.parametrize("moment", ["jaxrt.cli._draw", "jaxrt.io.image.os.replace"])
+@pytest.mark.parametrize("moment", ["jaxrt.cli._draw", "jaxrt.writing.os.replace"])
 def test_ctrl_c_leaves_no_half_written_file(folder, capsys, monkeypatch, moment):
     def interrupt(*arguments):
         raise KeyboardInterrupt

@@ -114,7 +114,7 @@ def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(tmp_path, suf
     def interrupt(source, target):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("jaxrt.io.image.os.replace", interrupt)
+    monkeypatch.setattr("jaxrt.writing.os.replace", interrupt)
     with pytest.raises(KeyboardInterrupt):
         save_image(path, picture(seed=1))
     assert path.read_bytes() == before

@@ -60,6 +60,21 @@ def test_a_program_that_loads_but_does_not_run_is_compiled_anew(tmp_path: Path) 
     assert file.read_bytes() != wrong
 
 
+def test_a_program_is_kept_whole_and_for_its_owner_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    arguments = prepare(jaxrt.build(SCENE), 0, 0, 1, 1, max_depth=1)
+
+    def full(source: Path, target: Path) -> None:
+        raise OSError(28, "No space left on device", str(target))
+
+    with monkeypatch.context() as context, pytest.raises(OSError, match="No space left"):
+        context.setattr("jaxrt.writing.os.replace", full)
+        load_or_compile(tmp_path, *arguments)
+    assert list(tmp_path.iterdir()) == []
+    load_or_compile(tmp_path, *arguments)
+    (file,) = tmp_path.iterdir()
+    assert file.suffix == ".program" and file.stat().st_mode & 0o777 == 0o600
+
+
 def test_programs_not_used_for_long_are_forgotten(tmp_path: Path) -> None:
     for i in range(KEPT):
         file = tmp_path / f"{i}.program"

@@ -16,6 +16,7 @@ from jaxrt.fit import Fit, FitError, Progress, Unknowns
 from jaxrt.fit.verdict import Verdict
 from jaxrt.io.image import load_image
 from jaxrt.selectors import Selector, material_names
+from jaxrt.writing import write_whole
 
 Floats = NDArray[np.floating]
 
@@ -52,16 +53,6 @@ def load_target(path: Path, srgb: bool = False) -> Target:
     return Target(np.where(bad, 0, image), weight, tuple(notes))
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file whole or not at all."""
-    part = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        part.write_text(text, encoding="utf-8")
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
 def write_scene(
     source: Path, path: Path, values: Mapping[str, Floats], selectors: Mapping[str, Selector], scene: SceneDescription
 ) -> None:
@@ -75,7 +66,8 @@ def write_scene(
     for mesh in document.get("meshes", []):
         # Names of files stay right in another folder
         mesh["file"] = Path(os.path.relpath(source.parent / str(mesh["file"]), path.parent)).as_posix()
-    write_whole(path, tomlkit.dumps(document))
+    text = tomlkit.dumps(document)
+    write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
 
 
 def _rounded(value: Floats) -> Any:
@@ -107,7 +99,8 @@ def _place(document: Any, selector: Selector, text: str, scene: SceneDescription
 
 def write_report(path: Path, report: Mapping[str, Any]) -> None:
     """Write fit.json; numbers that are not finite become null."""
-    write_whole(path, json.dumps(_plain(report), indent=2, allow_nan=False) + "\n")
+    text = json.dumps(_plain(report), indent=2, allow_nan=False) + "\n"
+    write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
 
 
 def _plain(value: Any) -> Any:

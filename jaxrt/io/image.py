@@ -1,8 +1,6 @@
 """Pictures in and out: 8-bit PNG for the eye, float32 EXR for numbers."""
 
 import logging
-import os
-from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
 
@@ -10,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jaxrt import color
+from jaxrt.writing import write_whole
 
 logger = logging.getLogger(__name__)
 
@@ -35,7 +34,7 @@ def save_image(path: StrPath, image: ArrayLike, exposure: float = 0.0, srgb: boo
     """
     suffix = check_suffix(path)
     pixels = _check_pixels(image, exposure)
-    _write_whole(Path(path), lambda target: _WRITERS[suffix](target, pixels, srgb))
+    write_whole(Path(path), lambda target: _WRITERS[suffix](target, pixels, srgb))
 
 
 def load_image(path: StrPath, srgb: bool = False) -> Pixels:
@@ -66,16 +65,6 @@ def _check_pixels(image: ArrayLike, exposure: float) -> Pixels:
         i, j, c = (int(n) for n in np.argwhere(~np.isfinite(exposed))[0])
         raise ValueError(f"image[{i}, {j}, {c}]: {exposed[i, j, c]} is not finite: mend the picture before saving")
     return exposed
-
-
-def _write_whole(path: Path, write: Callable[[Path], None]) -> None:
-    """Let `write` fill a temporary neighbour, then rename it to `path`; leave nothing half-written."""
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix.lower()}")
-    try:
-        write(temporary)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _write_png(path: Path, pixels: Pixels, srgb: bool) -> None:
