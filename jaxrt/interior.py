@@ -5,6 +5,7 @@ kernel), so that memory depends neither on the samples nor on the size of the pi
 the transpose of the other.
 """
 
+import math
 from functools import partial
 from typing import Any
 
@@ -32,6 +33,8 @@ from jaxrt.path import Tables
 # Derivatives of a batch that share one pass over the paths, forwards and backwards. Backwards the paths are the lesser
 # part, and packets of a batch too wide for a native kernel
 TOGETHER = (32, 1)
+LARGE = 100_000  # moved numbers from which on wide packets are the faster ones backwards: a mesh of 11,000 faces
+WIDE_TILE = (32, 32)  # pixels, as many as a native kernel takes
 # Parameters that light paths and light samples do not depend on: they keep the picture's own light samples
 _STILL = {"albedo", "intensity", "environment"}
 
@@ -74,7 +77,9 @@ def _draw_jvp(plan: Plan, primals: tuple[Tables, Run, Run], tangents: tuple[Any,
 def _pair(plan: Plan, structure: Any, size: tuple[int, int], shapes: Shapes, moved: list[int], attached: bool) -> Pair:
     """Return the derivative of the sum in the leaves numbered `moved`, forwards and backwards."""
 
-    def lanes(constants: Leaves, sample: Array, packet: Array, values: Leaves) -> Array:
+    backwards = _backwards(plan, shapes)
+
+    def lanes(plan: Plan, constants: Leaves, sample: Array, packet: Array, values: Leaves) -> Array:
         """Return the packet's radiance, with new values of the moved leaves."""
         leaves = list(constants)
         for i, value in zip(moved, values, strict=True):
@@ -88,7 +93,7 @@ def _pair(plan: Plan, structure: Any, size: tuple[int, int], shapes: Shapes, mov
         run: Run = jax.tree.unflatten(structure, constants)[1]
 
         def add_sample(sample: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
-            one = partial(lanes, constants, sample, packet)
+            one = partial(lanes, plan, constants, sample, packet)
             return kahan_add(*sums, jax.jvp(one, [values], [changes])[1])
 
         nothing = jnp.zeros((plan.lanes, 3), values[0].dtype)
@@ -100,7 +105,7 @@ def _pair(plan: Plan, structure: Any, size: tuple[int, int], shapes: Shapes, mov
         run: Run = jax.tree.unflatten(structure, constants)[1]
 
         def add_sample(sample: Array, sums: list[Leaves]) -> list[Leaves]:
-            _, pull = jax.vjp(partial(lanes, constants, sample, packet), values)
+            _, pull = jax.vjp(partial(lanes, backwards, constants, sample, packet), values)
             return kahan_add_all(sums, pull(weights[packet])[0])
 
         nothing = [jnp.zeros_like(value) for value in values]
@@ -111,10 +116,20 @@ def _pair(plan: Plan, structure: Any, size: tuple[int, int], shapes: Shapes, mov
 
     def transpose(constants: Leaves, picture: Leaves) -> Leaves:
         nothing = [jnp.zeros(value.shape, value.dtype) for value in shapes]
-        return sum_packets(cotangent, (constants, packets_of(picture[0], plan)), nothing, size, plan)
+        operands = constants, packets_of(picture[0], backwards)
+        return sum_packets(cotangent, operands, nothing, size, backwards)
 
     picture = jax.ShapeDtypeStruct((size[1], size[0], 3), shapes[0].dtype)
     return Pair(forward, transpose, shapes, (picture,), TOGETHER)
+
+
+def _backwards(plan: Plan, shapes: Shapes) -> Plan:
+    """Return the plan by which derivatives in leaves of these shapes are drawn backwards.
+
+    Each sample of a packet runs over the leaves as a whole, so that large ones want few packets.
+    """
+    large = sum(math.prod(leaf.shape) for leaf in shapes) > LARGE
+    return plan._replace(tile=WIDE_TILE) if large and plan.lanes < math.prod(WIDE_TILE) else plan
 
 
 def _packet_sum(plan: Plan, operands: tuple[Tables, Run], packet: Array) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import jaxrt
+from jaxrt import interior
 from jaxrt.gather import take
 
 ONE = tuple(jax.devices()[:1])
@@ -155,6 +156,18 @@ def test_devices_do_not_matter():
     gradient = jax.jit(jax.grad(lambda x: ball_picture(x, devices=None).sum()))(chosen())
     for name, value in ball_program(2)(chosen(), jnp.uint32(0))[1].items():
         np.testing.assert_allclose(gradient[name], value, rtol=1e-6, atol=1e-5)
+
+
+def test_wide_packets_backwards_add_up_to_the_same_gradient(monkeypatch):
+    """Gradients of as many numbers as a large mesh has are drawn in wider packets than the picture."""
+    monkeypatch.setattr(interior, "LARGE", 0)
+    # Another tile than that of `ball_program`, since JAX keeps traces
+    run = jax.jit(jax.grad(lambda values: jnp.sum(ball_picture(values, depth=1, tile=(4, 4)))))
+    program = run.lower(chosen())
+    assert "tensor<1x1024x3xf32>" in program.as_text()  # weights of the packets
+    wide, narrow = program.compile()(chosen()), ball_program(1)(chosen(), jnp.uint32(0))[1]
+    for name in CHOSEN:
+        np.testing.assert_allclose(wide[name], narrow[name], rtol=1e-5, atol=1e-6, err_msg=name)
 
 
 def test_hessian_of_the_interior():
