@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxrt.checks import check_memory
+from jaxrt.chunks import CHUNKS, accumulate
 from jaxrt.description import SceneDescription, SceneError, SceneWarning, nearest, show
 from jaxrt.fit.command import add_arguments, run_fit
 from jaxrt.gradcheck import gradcheck, heatmap
@@ -29,9 +30,6 @@ from jaxrt.scene import Scene, build
 from jaxrt.selectors import parse_selector
 from jaxrt.summary import print_summary
 
-CHUNK_SECONDS = 0.5  # between two steps of the progress bar, more for long runs
-CHUNKS = 20  # about as many steps a run
-CHUNK_SECONDS_MAX = 5.0
 CHECK_SIDE = 64  # pixels of the longer side of the pictures that gradients are checked on
 CHECK_SPP = 256
 RELATIVE_FLOOR = 1e-2  # added to the squared reference in the relative MSE, so that black pixels do not rule it
@@ -269,7 +267,7 @@ def _draw(scene: Scene, seed: int, sampler: str, folder: Path | None) -> tuple[I
         program = load_or_compile(folder, *nothing)
         compiled = time.perf_counter()
         report(0)
-        total = _accumulate(lambda first, count: np.asarray(program(*arguments(first, count)[:2])), spp, report)
+        total = accumulate(lambda first, count: np.asarray(program(*arguments(first, count)[:2])), spp, report)
         done = time.perf_counter()
     return (total / spp).astype(np.float32), compiled - start, done - compiled
 
@@ -313,24 +311,6 @@ def _check_size(path: Path) -> tuple[int, int]:
     camera = read_description(path).camera
     share = min(1, CHECK_SIDE / max(camera.width, camera.height))
     return max(1, round(camera.width * share)), max(1, round(camera.height * share))
-
-
-def _accumulate(
-    draw: Callable[[int, int], NDArray[np.float32]], spp: int, report: Callable[[int], None]
-) -> NDArray[np.float64]:
-    """Return the sum of `spp` samples, drawn in chunks, powers of two, of about CHUNK_SECONDS each."""
-    total = np.zeros((), np.float64)
-    first, count = 0, 1
-    while first < spp:
-        count = min(count, spp - first)
-        start = time.perf_counter()
-        total = total + draw(first, count)
-        seconds_per_sample = max(time.perf_counter() - start, 1e-9) / count
-        first += count
-        report(first)
-        wanted = min(max(CHUNK_SECONDS, spp * seconds_per_sample / CHUNKS), CHUNK_SECONDS_MAX)
-        count = 1 << max(0, math.floor(math.log2(wanted / seconds_per_sample)))
-    return total
 
 
 @contextmanager

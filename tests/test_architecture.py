@@ -16,7 +16,7 @@ LAYERS = [
     {"film", "boundary"},
     {"interior", "edges"},
     {"render"},
-    {"io", "summary", "programs", "selectors"},
+    {"io", "summary", "programs", "chunks", "selectors"},
     {"gradcheck", "fit"},
     {"cli"},
     {"__init__", "__main__"},
