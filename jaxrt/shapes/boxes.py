@@ -8,7 +8,8 @@ from jaxrt.pytree import pytree, static
 from jaxrt.shapes.bvh import WIDTH, Topology
 from jaxrt.shapes.order import bits
 
-# Words of a node: least, then largest x, y, z of eight children, padded; the children. Of a leaf: x, y, z of the first,
+# Words of a node: least, then largest x, y, z of eight children, padded; where the children begin,
+# −1 − that for a leaf. Of a leaf: x, y, z of the first,
 # second, third corners of eight faces; the faces, −1 where there are fewer
 NODE, LEAF = 7 * WIDTH, 10 * WIDTH
 
@@ -43,7 +44,9 @@ def tree_of(topology: Topology, corners: Array) -> Tree:
     highs = -_least_of_ranges(-high, first, last)
     none = (first == last)[..., None]
     boxes = jnp.concatenate([jnp.where(none, FAR, lows), jnp.where(none, -FAR, highs)], -1)
-    nodes = _words(boxes.swapaxes(1, 2), topology.children)
+    children, size = topology.children, topology.children.shape[0] * NODE
+    children = jnp.where(children < 0, -1 - size - (-1 - children) * LEAF, children * NODE)
+    nodes = _words(boxes.swapaxes(1, 2), children)
     return Tree(
         words=jnp.concatenate([nodes, _words(own.transpose(0, 3, 2, 1), slots)]),
         reach=jnp.max(high.max(0) - low.min(0)),

@@ -23,13 +23,13 @@ from jaxrt.shapes.walk import (
     TINY,
     closest,
     face_of,
-    keys,
     leaf_at,
     leaf_distances,
-    node_at,
     nonzero,
     part,
+    places_of,
     put,
+    slabs,
     walk,
 )
 
@@ -44,13 +44,12 @@ def walk_together(
 
     Lanes with farthest < 0 are dead; at most 32 lanes. within: they are closer together than a leaf is wide.
     """
-    places = [24 * jnp.where(axis + k > 2, axis + k - 3, axis + k) for k in (1, 2, 0)]
+    places = places_of(axis)
     origin, (dx, dy, dz) = (along_axis(axis, v) for v in (o, d))
     sx, sy, sz = dx / dz, dy / dz, 1 / dz
     hull = _hull(tree, origin, (sign * sx, sign * sy, sign * sz), farthest, places, sign)
 
-    def keys_of(node: Array) -> Array:
-        at = node_at(tree, node)
+    def boxes(at: Array) -> tuple[Array, Array]:
         sides = [floats(part(tree.words, at + side + (k // 3 & 24))) for k in places for side in (0, 24)]
         return hull(*sides)
 
@@ -58,37 +57,33 @@ def walk_together(
     by_ray = _by_ray(any_hit, tree, (*origin, sx, sy, sz), places)
     by_face = _by_face(any_hit, tree, (*origin, sx, sy, sz), places)
 
-    def leaf(number: Array, box: Array, farthest: Array, face: Array) -> tuple[Array, Array]:
+    def leaf(code: Array, box: Array, farthest: Array, face: Array) -> tuple[Array, Array]:
         rays = lax.cond(within, lambda *_: jnp.int32(-1), once(meet), box, farthest)
         few = lax.population_count(rays) <= FEW
-        faces = lax.cond(few, lambda _: jnp.int32(0), once(partial(_faces_in, tree, hull, places)), number)
-        return by_face(number, faces, *by_ray(number, jnp.where(few, rays, 0), farthest, face))
+        faces = lax.cond(few, lambda _: jnp.int32(0), once(partial(_faces_in, tree, hull, places)), code)
+        return by_face(code, faces, *by_ray(code, jnp.where(few, rays, 0), farthest, face))
 
-    return walk(tree, keys_of, leaf, farthest)
+    return walk(tree, boxes, leaf, farthest)
 
 
 def _rays_in(tree: Tree, origin: Numbers, inverse: Numbers, places: list[Array]) -> Callable[[Array, Array], Array]:
     """Return the test of all rays against one box, by its place among the words, that gives a bit for each ray."""
 
     def test(box: Array, farthest: Array) -> Array:
-        ends = [[floats(part(tree.words, box + side + (k // 3 & 24), 1)) for k in places] for side in (0, 24)]
-        a, b = ([(x - v) * i for x, v, i in zip(end, origin, inverse, strict=True)] for end in ends)
-        near, far = ([f(p, q) for p, q in zip(a, b, strict=True)] for f in (least, most))
-        enter = most(most(near[0], near[1]), most(near[2], 0))
-        leave = least(least(far[0], far[1]), least(far[2], farthest)) * (1 + 8 * unit_roundoff(farthest))
-        return _mask(enter <= leave)
+        low, high = ([floats(part(tree.words, box + side + (k // 3 & 24), 1)) for k in places] for side in (0, 24))
+        enter, leave = slabs(low, high, origin, inverse)
+        return _mask(enter <= least(leave, farthest) * (1 + 8 * unit_roundoff(farthest)))
 
     return test
 
 
-def _faces_in(tree: Tree, hull: Callable[..., Array], places: list[Array], leaf: Array) -> Array:
+def _faces_in(tree: Tree, hull: Callable[..., tuple[Array, Array]], places: list[Array], leaf: Array) -> Array:
     """Return one bit for each face of a leaf that the hull meets."""
     at, sides = leaf_at(tree, leaf), []
     for k in places:
         a, b, c = (floats(part(tree.words, at + (k & 56) + 8 * corner)) for corner in range(3))
         sides += [least(least(a, b), c), most(most(a, b), c)]
-    found = hull(*sides)
-    return _mask((found < jnp.iinfo(found.dtype).max) & (part(tree.words, at + 72) >= 0))
+    return _mask(hull(*sides)[1] & (part(tree.words, at + 72) >= 0))
 
 
 def _by_ray(any_hit: bool, tree: Tree, rays: Numbers, places: list[Array]) -> Callable[..., tuple[Array, Array]]:
@@ -110,7 +105,7 @@ def _by_face(any_hit: bool, tree: Tree, rays: Numbers, places: list[Array]) -> C
     ox, oy, oz, *slopes = rays
 
     def distances(leaf: Array, slot: Array) -> Array:
-        at = leaf_at(tree, leaf) + (slot & 7)
+        at = leaf_at(tree, leaf) + (slot & 7).astype(jnp.uint32)
         corners = [[floats(part(tree.words, at + (k & 56) + 8 * corner, 1)) for k in places] for corner in range(3)]
         return hit_distance([shear(x - ox, y - oy, z - oz, *slopes) for x, y, z in corners])
 
@@ -144,8 +139,8 @@ def _mask(bits: Array) -> Array:
 
 def _hull(
     tree: Tree, o: Numbers, slopes: Numbers, farthest: Array, places: list[Array], sign: Array
-) -> Callable[..., Array]:
-    """Return the test of eight boxes, given by least and largest x, y, z, that gives their keys.
+) -> Callable[..., tuple[Array, Array]]:
+    """Return the test of eight boxes, given by least and largest x, y, z: where they are entered, and whether met.
 
     Depths are counted forward, from that of the first origin. slopes: dx, dy and 1 over |dz|.
     """
@@ -165,13 +160,13 @@ def _hull(
     margin = tree.pad + 8 * u * (jnp.sum(jnp.abs(both)) + 4 * span)
     alone = jnp.stack([start, -latest - start + margin, shortest, span + margin, margin, sign])
     numbers = near, (far - near) / most(span, TINY), alone
-    return _keys_in(once(lambda *x: jnp.concatenate(x))(*numbers))
+    return _test_of(once(lambda *x: jnp.concatenate(x))(*numbers))
 
 
-def _keys_in(numbers: Array) -> Callable[..., Array]:
+def _test_of(numbers: Array) -> Callable[..., tuple[Array, Array]]:
     """Return the test of `_hull` from its numbers."""
 
-    def test(x0: Array, x1: Array, y0: Array, y1: Array, z0: Array, z1: Array) -> Array:
+    def test(x0: Array, x1: Array, y0: Array, y1: Array, z0: Array, z1: Array) -> tuple[Array, Array]:
         lines, slopes = numbers[:4], numbers[4:8]
         start, latest, shortest, end, margin, sign = numbers[8:]
         forward = sign > 0
@@ -181,6 +176,6 @@ def _keys_in(numbers: Array) -> Callable[..., Array]:
         # Least x, −largest x, least y, −largest y
         for k, side in enumerate((x1, -x0, y1, -y0)):
             hit &= side >= lines[k] - margin + least(enter * slopes[k], leave * slopes[k])
-        return keys(most(near - latest, 0) * shortest, hit)
+        return most(near - latest, 0) * shortest, hit
 
     return test

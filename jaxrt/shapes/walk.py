@@ -1,15 +1,17 @@
 """A walk through the tree of a mesh, and how one ray makes it: nearest hit and any hit.
 
-A node's eight boxes are tested at once, then a leaf's eight faces. The stack holds one row of eight keys for each
-level: where the child's box is entered, as the bits of a float with the child's number in the last three. The least key
-is the next child to visit, so that nothing is ever sorted, and the stack cannot overflow.
+A node's eight boxes are tested at once, then a leaf's eight faces. The stack holds, for each level at most, a node and
+which of its children are still to be visited: their boxes are tested again when their turn comes. That is cheaper than
+to keep their distances, nothing is ever sorted, what has come to lie behind a hit is left out, and the stack cannot
+overflow.
 
 Of equally distant faces the one of the smallest number is hit. A ray alone meets a face only inside the face's own box,
 padded: what only the error bound of the edge test calls a hit, beyond the tip of a sliver, is not. (A packet that tests
 the faces that its hull meets may take such a hit.)
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -24,7 +26,9 @@ from jaxrt.shapes.order import bits, floats, least, least_of_eight, most
 
 TINY = 1e-20  # least size of a direction component, for its reciprocal alone
 NONE = -(2**31)  # no node
+ALL = 2**WIDTH - 1  # children of a node, as bits
 RAY = 12  # numbers of a ray's row
+Rows = Sequence[Array]
 
 
 def part(flat: Array, start: Array, size: int = WIDTH) -> Array:
@@ -32,64 +36,63 @@ def part(flat: Array, start: Array, size: int = WIDTH) -> Array:
     return lax.dynamic_slice(flat, (start,), (size,), allow_negative_indices=False)
 
 
-def node_at(tree: Tree, node: Array) -> Array:
-    """Return where a node's words begin. Within bounds, which saves testing each read."""
-    return jnp.clip(node * NODE, 0, tree.words.shape[0] - NODE)
+def put(all_: Array, row: Array, start: Array) -> Array:
+    """Return a flat array with a part replaced; `start` is no less than 0."""
+    return lax.dynamic_update_slice(all_, row, (start,), allow_negative_indices=False)
 
 
-def leaf_at(tree: Tree, leaf: Array) -> Array:
+def node_at(tree: Tree, code: Array) -> Array:
+    """Return where a node's words begin. Within bounds, which saves testing each read; unsigned, which saves half."""
+    return jnp.minimum(code.astype(jnp.uint32), jnp.uint32((tree.nodes - 1) * NODE))
+
+
+def leaf_at(tree: Tree, code: Array) -> Array:
     """Return where a leaf's words begin."""
-    return jnp.clip(tree.nodes * NODE + leaf * LEAF, 0, tree.words.shape[0] - LEAF)
+    return jnp.minimum((-1 - code).astype(jnp.uint32), jnp.uint32(tree.words.shape[0] - LEAF))
 
 
 def face_of(tree: Tree, leaf: Array, slot: Array) -> Array:
     """Return the face in a slot of a leaf."""
-    return part(tree.words, leaf_at(tree, leaf) + 72 + (slot & 7), 1)[0].astype(jnp.int32)
-
-
-def keys(near: Array, hit: Array) -> Array:
-    """Return the eight keys of a node's children: by distance, then number; the largest integer where missed."""
-    words = bits(near)
-    return jnp.where(hit, (words & ~7) | lax.iota(words.dtype, WIDTH), jnp.iinfo(words.dtype).max)
+    return part(tree.words, leaf_at(tree, leaf) + 72 + (slot & 7).astype(jnp.uint32), 1)[0].astype(jnp.int32)
 
 
 class _State(NamedTuple):
     """A walk under way. Lanes: () for one ray, (n,) for a packet."""
 
-    top: Array  # () int32 row of the stack in use, −1 when it is empty
-    rows: Array  # (depth·8,) keys
-    nodes: Array  # (depth,) int32 node that each row belongs to
-    code: Array  # () int32 what to visit now: a node, −1 − a leaf, or NONE
-    box: Array  # () int32 where its box is among the words of its parent
+    top: Array  # () int32 level of the stack in use, −1 when it is empty
+    stack: Array  # (2·depth,) int32 of each level a node, and its children still to be visited as bits
+    code: Array  # () int32 what to visit now: a node, a leaf (negative), or NONE
+    left: Array  # () int32 children of the node still to be visited
+    box: Array  # () uint32 where its box is among the words of its parent
     farthest: Array  # (lanes) distance of the nearest hit so far
     face: Array  # (lanes) int32 face hit, −1 for none
 
 
-def walk(tree: Tree, keys_of: Callable, leaf: Callable, farthest: Array) -> tuple[Array, Array]:
+def walk(tree: Tree, boxes: Callable, leaf: Callable, farthest: Array) -> tuple[Array, Array]:
     """Return (farthest, face) of the lanes after a walk from the root.
 
-    keys_of(node) gives eight keys; leaf(number, box, farthest, face) gives the last two anew, box being where its box
-    is among the words. A lane whose farthest becomes −1 is done; its face is then 0.
+    boxes(at) gives, of the node whose words begin there, where its children are entered, and whether they are met.
+    leaf(code, box, farthest, face) gives the last two anew, box being where its box is among the words. A lane whose
+    farthest becomes −1 is done; its face is then 0.
     """
-    word = tree.words.dtype
     start = _State(
         top=jnp.int32(-1),
-        rows=jnp.full(tree.depth * WIDTH, jnp.iinfo(word).max, word),
-        nodes=jnp.zeros(tree.depth, jnp.int32),
+        stack=jnp.zeros(2 * tree.depth, jnp.int32),
         code=jnp.int32(0),
-        box=jnp.int32(0),
+        left=jnp.int32(ALL),
+        box=jnp.uint32(0),
         farthest=farthest,
         face=jnp.full(farthest.shape, -1, jnp.int32),
     )
 
     def visit(w: _State) -> _State:
-        farthest, face = leaf(-1 - w.code, w.box, w.farthest, w.face)
+        farthest, face = leaf(w.code, w.box, w.farthest, w.face)
         return w._replace(code=jnp.int32(NONE), farthest=farthest, face=face)
 
     def step(w: _State) -> _State:
-        w = lax.while_loop(lambda w: w.code >= 0, lambda w: _descend(tree, keys_of, w), w)
+        w = lax.while_loop(lambda w: w.code >= 0, lambda w: _descend(tree, boxes, w), w)
         w = lax.while_loop(lambda w: (w.code < 0) & (w.code != NONE), visit, w)
-        return _pop(tree, w)
+        return _pop(w)
 
     def going(w: _State) -> Array:
         return ((w.top >= 0) | (w.code != NONE)) & (_limit(w) >= 0)
@@ -99,40 +102,43 @@ def walk(tree: Tree, keys_of: Callable, leaf: Callable, farthest: Array) -> tupl
 
 
 def _limit(w: _State) -> Array:
-    """Return the largest key that can still matter."""
-    return jnp.max(bits(w.farthest)) | 7
+    """Return the largest distance that can still matter."""
+    return floats(jnp.max(bits(w.farthest)))
 
 
-def _pick(tree: Tree, node: Array, row: Array, limit: Array) -> tuple[Array, Array, Array, Array]:
-    """Return (child of the least key, where its box is, how many of the row can be met, row without the child)."""
-    key = least_of_eight(row)
-    box = node_at(tree, node) + (key & 7).astype(jnp.int32)
+def _descend(tree: Tree, boxes: Callable, w: _State) -> _State:
+    slot, met, at = once(partial(_nearest_child, tree, boxes))(w.code, w.left, _limit(w))
+    rest = met & ~(1 << slot)
+    # Here `at` and not w.code, which would then be copied
+    stack = put(w.stack, jnp.stack([at.astype(jnp.int32), rest]), 2 * w.top + 2)
+    box = at + slot.astype(jnp.uint32)
     child = part(tree.words, box + 48, 1)[0].astype(jnp.int32)
-    rest = jnp.where(row == key, jnp.iinfo(row.dtype).max, row)
-    return jnp.where(key <= limit, child, NONE), box, jnp.sum(row <= limit, dtype=jnp.int32), rest
+    code = jnp.where(met != 0, child, NONE)
+    return w._replace(top=w.top + (rest != 0).astype(jnp.int32), stack=stack, code=code, left=jnp.int32(ALL), box=box)
 
 
-def put(all_: Array, row: Array, start: Array) -> Array:
-    """Return a flat array with a part replaced; `start` is no less than 0."""
-    return lax.dynamic_update_slice(all_, row, (start,), allow_negative_indices=False)
+def _nearest_child(tree: Tree, boxes: Callable, code: Array, left: Array, limit: Array) -> tuple[Array, Array, Array]:
+    """Return (slot of the child that is entered first, those met as bits, where the node's words begin)."""
+    at = node_at(tree, code)
+    near, met = boxes(at)
+    lane = lax.iota(jnp.int32, WIDTH)
+    met &= (near <= limit * (1 + 8 * unit_roundoff(limit))) & ((left >> lane) & 1 == 1)
+    words = bits(near)
+    key = jnp.where(met, (words & ~7) | lane.astype(words.dtype), jnp.iinfo(words.dtype).max)
+
+    # Both at once, in the loop that tests the boxes: it is then vectorised to the end
+    def both(a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
+        return least(a[0], b[0]), a[1] | b[1]
+
+    found = jnp.where(met, 1 << lane, 0)
+    first, all_ = lax.reduce((key, found), (jnp.iinfo(key.dtype).max, jnp.int32(0)), both, (0,))
+    return (first & 7).astype(jnp.int32), all_, at
 
 
-def _descend(tree: Tree, keys_of: Callable, w: _State) -> _State:
-    row = once(keys_of)(w.code)
-    code, box, count, rest = _pick(tree, w.code, row, _limit(w))
-    top = w.top + 1
-    rows, nodes = put(w.rows, rest, top * WIDTH), put(w.nodes, w.code[None], top)
-    # A row of one child need not be kept
-    return w._replace(top=jnp.where(count > 1, top, w.top), rows=rows, nodes=nodes, code=code, box=box)
-
-
-def _pop(tree: Tree, w: _State) -> _State:
-    top = jnp.maximum(w.top, 0)
-    row, node = once(lambda rows, nodes, top: (part(rows, top * WIDTH), part(nodes, top, 1)[0]))(w.rows, w.nodes, top)
-    code, box, count, rest = _pick(tree, node, row, _limit(w))
-    code = jnp.where(w.top >= 0, code, NONE)
-    rows = put(w.rows, rest, top * WIDTH)
-    return w._replace(top=jnp.where(count > 1, w.top, w.top - 1), rows=rows, code=code, box=box)
+def _pop(w: _State) -> _State:
+    top = 2 * jnp.maximum(w.top, 0)
+    node, left = once(lambda stack, top: (part(stack, top, 1)[0], part(stack, top + 1, 1)[0]))(w.stack, top)
+    return w._replace(top=w.top - 1, code=jnp.where(w.top >= 0, node, NONE), left=left)
 
 
 def nonzero(d: Array) -> Array:
@@ -140,35 +146,46 @@ def nonzero(d: Array) -> Array:
     return jnp.where(jnp.abs(d) < TINY, jnp.where(d < 0, -TINY, TINY), d)
 
 
+def places_of(axis: Array) -> list[Array]:
+    """Return where a leaf has the x, y and z of a ray that goes along `axis`, uint32 each."""
+    return [24 * jnp.where(axis + k > 2, axis + k - 3, axis + k).astype(jnp.uint32) for k in (1, 2, 0)]
+
+
 def ray_rows(o: Array, d: Array) -> tuple[Array, Array]:
-    """Return what a walk reads of rays (3, …): numbers (…, 12) and, int32, where a leaf has its x, y and z (…, 3)."""
+    """Return what a walk reads of rays (3, …): numbers (…, 12) and `places_of` their axes (…, 3)."""
     axis = main_axis(d)
     dx, dy, dz = along_axis(axis, d)
     row = jnp.stack([*o, *(1 / nonzero(d)), *along_axis(axis, o), dx / dz, dy / dz, 1 / dz], -1)
-    return row, jnp.stack([24 * jnp.where(axis + k > 2, axis + k - 3, axis + k) for k in (1, 2, 0)], -1)
+    return row, jnp.stack(places_of(axis), -1)
+
+
+def slabs(low: Rows, high: Rows, origin: Rows, inverse: Rows) -> tuple[Array, Array]:
+    """Return where rays enter and leave boxes, by coordinate (x, y, z) of whatever shapes; none enters before 0.
+
+    inverse: reciprocals of the directions. Both ends of each slab count, whichever comes first: in that many
+    instructions the loop over boxes is vectorised.
+    """
+    a, b = ([(x - o) * i for x, o, i in zip(end, origin, inverse, strict=True)] for end in (low, high))
+    near, far = ([f(p, q) for p, q in zip(a, b, strict=True)] for f in (least, most))
+    return most(most(near[0], near[1]), most(near[2], 0)), least(least(far[0], far[1]), far[2])
 
 
 def walk_alone(any_hit: bool, tree: Tree, ray: Array, places: Array, farthest: Array) -> tuple[Array, Array]:
     """Return (distance, face) of one ray, of its row and places; face 0, and distance −1, for any hit."""
     u = unit_roundoff(ray)
 
-    def keys_of(node: Array) -> Array:
-        at = node_at(tree, node)
+    def boxes(at: Array) -> tuple[Array, Array]:
         sides = [floats(part(tree.words, at + 8 * k)) for k in range(6)]
-        # Both ends of each slab, whichever comes first: in that many instructions the loop over boxes is vectorised
-        a, b = ([(side - ray[k]) * ray[3 + k] for k, side in enumerate(half)] for half in (sides[:3], sides[3:]))
-        near, far = ([f(p, q) for p, q in zip(a, b, strict=True)] for f in (least, most))
-        enter = most(most(near[0], near[1]), most(near[2], 0))
-        leave = least(least(far[0], far[1]), far[2]) * (1 + 8 * u)
-        return keys(enter, (enter <= leave) & (sides[0] <= sides[3]))
+        enter, leave = slabs(sides[:3], sides[3:], [ray[k] for k in range(3)], [ray[k] for k in range(3, 6)])
+        return enter, (enter <= leave * (1 + 8 * u)) & (sides[0] <= sides[3])
 
-    def distances(number: Array) -> Array:
-        return leaf_distances(tree, number, [places[k] for k in range(3)], [ray[k] for k in range(6, 12)])
+    def distances(code: Array) -> Array:
+        return leaf_distances(tree, code, [places[k] for k in range(3)], [ray[k] for k in range(6, 12)])
 
-    def leaf(number: Array, _: Array, farthest: Array, face: Array) -> tuple[Array, Array]:
-        return closest(any_hit, tree, number, once(distances)(number), farthest, face)
+    def leaf(code: Array, _: Array, farthest: Array, face: Array) -> tuple[Array, Array]:
+        return closest(any_hit, tree, code, once(distances)(code), farthest, face)
 
-    return walk(tree, keys_of, leaf, farthest)
+    return walk(tree, boxes, leaf, farthest)
 
 
 def leaf_distances(tree: Tree, leaf: Array, places: list[Array], ray: list[Array]) -> Array:
