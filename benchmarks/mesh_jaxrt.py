@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.alternatives import moller_trumbore
 from benchmarks.jaxrt_side import use_cores
-from benchmarks.mesh_rays import LIGHT, bumpy_sphere, camera_rays, incoherent_rays, room, unit
+from benchmarks.mesh_rays import CLOSE, KINDS, LIGHT, bumpy_sphere, camera_rays, incoherent_rays, room, unit
 
 LANES = 128  # of a packet of `render`
 
@@ -65,20 +65,36 @@ def searcher(any_hit: bool) -> Callable[..., Any]:
 
 
 def write_rays(options: argparse.Namespace) -> dict[str, Any]:
-    """Save the mesh, and the rays of each kind; the shadow rays go from what the camera sees to a point light."""
-    import jax
-    import jax.numpy as jnp
-
-    from jaxrt.records import Hit, Ray
-    from jaxrt.shapes import leave, surface_point, topology_of
+    """Save the mesh, and the rays of each kind; return how many there are, and what they take but for time."""
+    from jaxrt.shapes import topology_of
 
     vertices, faces = bumpy_sphere(options.subdivisions)
-    o, d = camera_rays(options.count)
     start_of_build = time.process_time()
     tree = topology_of(vertices, faces)
     build = time.process_time() - start_of_build
     assert tree is not None
-    table = geometry(vertices, faces, tree)
+    table, rays = geometry(vertices, faces, tree), {}
+    for name, view in (("", 1.0), ("close_", CLOSE / len(faces) ** 0.5)):
+        o, d = camera_rays(options.count, view)
+        rays |= {f"{name}camera_o": o, f"{name}camera_d": d}
+        rays |= {f"{name}shadow_{part}": value for part, value in shadow_rays(table, o, d).items()}
+    rays["incoherent_o"], rays["incoherent_d"] = incoherent_rays(len(o))
+    parts: dict[str, Any] = {
+        f"tree_{name}": np.asarray(getattr(tree, name)) for name in ("children", "first", "last", "faces")
+    }
+    np.savez(options.file, vertices=vertices, faces=faces, tree_depth=tree.depth, **parts, **rays)
+    visits = {kind: count_visits(table.triangles.tree, rays, *what) for kind, what in KINDS.items()}
+    return {"rays": len(o), "build": build, "visits": visits}
+
+
+def shadow_rays(table: Any, o: np.ndarray, d: np.ndarray) -> dict[str, np.ndarray]:
+    """Return origins, directions and reaches of rays to a point light from what rays of a camera hit."""
+    import jax
+    import jax.numpy as jnp
+
+    from jaxrt.records import Hit, Ray
+    from jaxrt.shapes import leave, surface_point
+
     hit = searcher(False)(table, o, d, np.ones(len(o), np.float32))
     index, valid = (np.asarray(x).ravel() for x in (hit.index, hit.valid))
 
@@ -93,14 +109,19 @@ def write_rays(options: argparse.Namespace) -> dict[str, Any]:
     # As many as of the other kinds, so that they share a program: the first ones again
     start = np.resize(start, o.shape)
     away = np.asarray(LIGHT) - start
-    io, id_ = incoherent_rays(len(o))
-    rays: dict[str, Any] = {"camera_o": o, "camera_d": d, "incoherent_o": io, "incoherent_d": id_}
-    rays |= {"shadow_o": start, "shadow_d": unit(away), "shadow_reach": np.linalg.norm(away, axis=1).astype(np.float32)}
-    parts: dict[str, Any] = {
-        f"tree_{name}": np.asarray(getattr(tree, name)) for name in ("children", "first", "last", "faces")
-    }
-    np.savez(options.file, vertices=vertices, faces=faces, tree_depth=tree.depth, **parts, **rays)
-    return {"rays": len(o), "build": build}
+    return {"o": start, "d": unit(away), "reach": np.linalg.norm(away, axis=1).astype(np.float32)}
+
+
+def count_visits(tree: Any, rays: dict[str, np.ndarray], name: str, any_hit: bool) -> list[float]:
+    """Return how many nodes and leaves a ray visits that walks alone, in the mean of every 31st ray."""
+    import jax
+
+    from benchmarks.alternatives.counted_walk import visits
+
+    o, d = (rays[f"{name}_{part}"][::31] for part in "od")
+    reach = rays.get(f"{name}_reach", np.full(len(rays[f"{name}_o"]), 1e30, np.float32))[::31]
+    found = jax.jit(jax.vmap(lambda *ray: visits(any_hit, tree, *ray)))(o, d, reach)
+    return [float(x) for x in found.mean(0)]
 
 
 def tree_in(file: Any) -> Any:
@@ -124,10 +145,9 @@ def run_time(options: argparse.Namespace) -> dict[str, Any]:
     file = np.load(options.file)
     table, report = geometry(file["vertices"], file["faces"], tree_in(file)), {}
     searches = {any_hit: searcher(any_hit) for any_hit in (False, True)}
-    for name, any_hit in (("camera", False), ("shadow", True), ("incoherent", False), ("incoherent any", True)):
-        kind = name.split()[0]
+    for name, (kind, any_hit) in KINDS.items():
         rays = [jax.device_put(file[f"{kind}_{part}"]) for part in "od"]
-        reach = file["shadow_reach"] if kind == "shadow" else np.full(len(rays[0]), 1e30, np.float32)
+        reach = file[f"{kind}_reach"] if f"{kind}_reach" in file else np.full(len(rays[0]), 1e30, np.float32)
         found, seconds = clock(searches[any_hit], (table, *rays, reach), options.repeat)
         hits = np.asarray(found if any_hit else found.valid).mean()
         report[name] = [len(rays[0]) / 1e6 / seconds, float(hits)]

@@ -10,7 +10,7 @@ import time
 
 import mitsuba_side
 import numpy as np
-from mesh_rays import room
+from mesh_rays import KINDS, room
 
 
 def mesh_of(mi, vertices, faces, bsdf):
@@ -73,11 +73,11 @@ def main():
     file = np.load(options.file)
     mesh, report = mesh_of(mi, file["vertices"], file["faces"], {"type": "diffuse"}), {}
     scene = mi.load_dict({"type": "scene", "mesh": mesh})
-    for name, any_hit in (("camera", False), ("shadow", True), ("incoherent", False), ("incoherent any", True)):
-        kind, best = name.split()[0], [0.0, 0.0]
-        ray = mi.Ray3f(mi.Point3f(file[f"{kind}_o"].T), mi.Vector3f(file[f"{kind}_d"].T))
-        if kind == "shadow":
-            ray.maxt = mi.Float(file["shadow_reach"])
+    for name, (rays, any_hit) in KINDS.items():
+        best = [0.0, 0.0]
+        ray = mi.Ray3f(mi.Point3f(file[f"{rays}_o"].T), mi.Vector3f(file[f"{rays}_d"].T))
+        if f"{rays}_reach" in file:
+            ray.maxt = mi.Float(file[f"{rays}_reach"])
         dr.eval(ray)
         for coherent in (False, True):
             seconds = []

@@ -7,6 +7,16 @@ import numpy as np
 
 LIGHT = (2.0, 3.0, 1.5)
 TILE = 8  # pixels across
+# Kinds of rays: the arrays that hold them, and whether any hit will do
+KINDS = {
+    "camera": ("camera", False),
+    "shadow": ("shadow", True),
+    "close camera": ("close_camera", False),
+    "close shadow": ("close_shadow", True),
+    "incoherent": ("incoherent", False),
+    "incoherent any": ("incoherent", True),
+}
+CLOSE = 18.0  # view of the close camera, over the root of the number of faces: half the other's at 1,280 faces
 
 
 def bumpy_sphere(subdivisions: int) -> tuple[np.ndarray, np.ndarray]:
@@ -40,13 +50,16 @@ def room(vertices: np.ndarray, faces: np.ndarray) -> dict:
     return description | {"meshes": [mesh]}
 
 
-def camera_rays(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (origins, directions) (n, 3) float32 of about `count` rays of a camera: 8×8 tiles, 4 samples a pixel."""
+def camera_rays(count: int, view: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return (origins, directions) (n, 3) float32 of about `count` rays of a camera: 8×8 tiles, 4 samples a pixel.
+
+    view: width of the picture at distance 1.
+    """
     rng = np.random.default_rng(1)
     across = int((count / 4) ** 0.5) // TILE
     ty, tx, _, y, x = np.indices((across, across, 4, TILE, TILE)).reshape(5, -1)
     pixels = np.stack([tx * TILE + x, ty * TILE + y], -1) + rng.uniform(size=(len(x), 2))
-    d = np.concatenate([pixels / (across * TILE) - 0.5, np.full((len(x), 1), -1.0)], 1)
+    d = np.concatenate([view * (pixels / (across * TILE) - 0.5), np.full((len(x), 1), -1.0)], 1)
     return np.tile(np.float32([0.3, 0.2, 2.6]), (len(x), 1)), unit(d)
 
 

@@ -20,17 +20,13 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.mesh_rays import KINDS
 from benchmarks.peers import ratio_text
 from benchmarks.processes import HERE, cpu_model, find_peer, report_of, run_child, wide_console
 
-KINDS = {
-    "camera": "packet of 32",
-    "shadow": "packet of 32",
-    "incoherent": "single",
-    "incoherent any": "single",
-}
 TESTS = ("watertight", "moller-trumbore")
 Rates = dict[str, dict[str, list[float]]]  # contender -> kind -> Mrays per CPU second of each round
+PANELS = (("camera", "close camera", "shadow", "close shadow"), ("incoherent", "incoherent any"))  # of the chart
 
 
 MODULE = [sys.executable, "-m", "benchmarks.mesh_jaxrt"]
@@ -38,11 +34,11 @@ MODULE = [sys.executable, "-m", "benchmarks.mesh_jaxrt"]
 
 def measure(
     subdivisions: int, peer: str | None, rounds: int, tests: list[str], picture: bool, console: Console
-) -> tuple[Rates, float]:
-    """Return the rates of all contenders at one size, and the CPU seconds of building the tree."""
+) -> tuple[Rates, dict[str, Any]]:
+    """Return the rates of all contenders at one size, and what building and walking the tree takes."""
     with tempfile.TemporaryDirectory() as folder:
         file = f"{folder}/rays.npz"
-        build = report_of(run_child([*MODULE, "rays", str(subdivisions), file], folder))["build"]
+        tree = report_of(run_child([*MODULE, "rays", str(subdivisions), file], folder))
         also = ["--picture"] if picture else []
         # What watertightness costs is told at one size, and without a picture
         commands = {tests[0]: [*MODULE, "time", file, "--test", tests[0], *also]}
@@ -56,7 +52,12 @@ def measure(
                 report = report_of(run_child(commands[name], folder))
                 for kind, (rate, _) in report.items():
                     rates[name].setdefault(kind, []).append(rate)
-    return rates, build
+    return rates, tree
+
+
+def kernel(kind: str) -> str:
+    """Return the search that most rays of a kind take, on our side."""
+    return "both" if kind not in KINDS else "single" if kind.startswith("incoherent") else "packet of 32"
 
 
 def rows_of(faces: int, rates: Rates, names: list[str]) -> list[list[str]]:
@@ -64,7 +65,7 @@ def rows_of(faces: int, rates: Rates, names: list[str]) -> list[list[str]]:
     rows = []
     for kind in next(iter(rates.values())):
         known = {name: rates[name][kind] for name in names if kind in rates.get(name, {})}
-        row = [f"{faces:,}", kind, KINDS.get(kind, "both")]
+        row = [f"{faces:,}", kind, kernel(kind)]
         row += [f"{statistics.median(known[name]):.2f}" if name in known else "" for name in names]
         if "Embree" in known:
             others = [name for name in names if name != "Embree"]
@@ -80,18 +81,22 @@ def draw_chart(path: str, results: dict[int, Rates]) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, axes = pyplot.subplots(figsize=(6, 4), layout="constrained")
-    for contender, dashes in (("watertight", "-"), ("Embree", ":")):
-        for colour, kind in enumerate(KINDS):
-            points = [
-                (n, 1e3 / statistics.median(r[contender][kind])) for n, r in sorted(results.items()) if contender in r
-            ]
-            if points:
-                label = f"{'jaxrt' if contender == 'watertight' else contender}, {kind}"
-                axes.plot(*zip(*points, strict=True), dashes, marker="o", color=f"C{colour}", label=label)
-    axes.set(xscale="log", xlabel="faces", ylabel="CPU ns a ray", ylim=(0, None))
-    axes.legend(fontsize="small")
+    figure, panels = pyplot.subplots(1, 2, figsize=(10, 4.5), layout="constrained")
+    for axes, kinds in zip(panels, PANELS, strict=True):
+        for colour, kind in enumerate(kinds):
+            for contender, dashes in (("watertight", "-"), ("Embree", ":")):
+                points = [(n, nanoseconds(r[contender][kind])) for n, r in sorted(results.items()) if contender in r]
+                if points:
+                    label = f"{'jaxrt' if contender == 'watertight' else contender}, {kind}"
+                    axes.plot(*zip(*points, strict=True), dashes, marker="o", color=f"C{colour}", label=label)
+        axes.set(xscale="log", xlabel="faces", ylabel="CPU ns a ray", ylim=(0, None))
+        axes.legend(fontsize="small")
     figure.savefig(path, dpi=120)
+
+
+def nanoseconds(rates: list[float]) -> float:
+    """Return the median time of a ray, of rates in Mrays per second."""
+    return 1e3 / statistics.median(rates)
 
 
 def markdown(header: list[str], rows: list[list[str]]) -> str:
@@ -100,12 +105,27 @@ def markdown(header: list[str], rows: list[list[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
 
-def cost_rows(results: dict[int, Rates]) -> list[list[str]]:
-    """Return rows of the time of a ray, and of that time over log₂ of the number of faces."""
-    rows = []
-    for n, rates in sorted(results.items()):
-        cost = [1e3 / statistics.median(rates["watertight"][kind]) for kind in KINDS]
-        rows.append([f"{n:,}", *(f"{c:.0f} ({c / math.log2(n):.1f})" for c in cost)])
+def cost_rows(results: dict[int, Rates], contender: str) -> list[list[str]]:
+    """Return rows of the time of a ray, and of that time over log₂ of the number of faces; last, how much they grow."""
+    costs = {
+        n: [nanoseconds(r[contender][kind]) for kind in KINDS] for n, r in sorted(results.items()) if contender in r
+    }
+    return logarithmic(costs, "{:.0f} ({:.1f})")
+
+
+def visit_rows(trees: dict[int, dict[str, Any]]) -> list[list[str]]:
+    """Return rows of how many nodes and leaves a ray visits, and of that number over log₂ of the number of faces."""
+    return logarithmic(
+        {n: [sum(t["visits"][kind]) for kind in KINDS] for n, t in sorted(trees.items())}, "{:.1f} ({:.2f})"
+    )
+
+
+def logarithmic(values: dict[int, list[float]], form: str) -> list[list[str]]:
+    """Return rows of values and their ratio to log₂ n for each n, and of how often the first is in the last."""
+    rows = [[f"{n:,}", *(form.format(x, x / math.log2(n)) for x in row)] for n, row in values.items()]
+    if len(values) > 1:
+        first, *_, last = values.values()
+        rows.append(["growth", *(f"{b / a:.2f}" for a, b in zip(first, last, strict=True))])
     return rows
 
 
@@ -119,7 +139,13 @@ def large_text(report: dict[str, Any]) -> str:
 
 
 def write_report(
-    path: str, about: str, header: list[str], names: list[str], results: dict[int, Rates], extra: list[str]
+    path: str,
+    about: str,
+    header: list[str],
+    names: list[str],
+    results: dict[int, Rates],
+    trees: dict[int, dict[str, Any]],
+    extra: list[str],
 ) -> None:
     """Write path.md, with the chart path.png."""
     rows = [row for n, rates in sorted(results.items()) for row in rows_of(n, rates, names)]
@@ -130,18 +156,27 @@ def write_report(
         INTRODUCTION,
         markdown(header, rows),
         "## Cost of a ray\n",
-        "CPU ns a ray, and in brackets the same over log₂ of the number of faces. Larger meshes miss the caches more "
-        "often, which no count of steps shows.\n",
-        markdown(["faces", *KINDS], cost_rows(results)),
+        COST.format(growth=math.log2(max(results)) / math.log2(min(results))),
+        "Nodes, those returned to counted again, and leaves that a ray visits when it walks alone:\n",
+        markdown(["faces", *KINDS], visit_rows(trees)),
+        "CPU ns a ray:\n",
+        markdown(["faces", *KINDS], cost_rows(results, "watertight")),
+        "and Embree's:\n",
+        markdown(["faces", *KINDS], cost_rows(results, "Embree")),
         f"![Time of a ray over the number of faces]({Path(path).name}.png)\n",
         *extra,
     ]
     Path(f"{path}.md").write_text("\n".join(parts), encoding="utf-8")
 
 
+COST = """In brackets the same over log₂ of the number of faces, which grows {growth:.2f} times from the first row to \
+the last.
+"""
+
 INTRODUCTION = """Mrays per CPU second of one core (of whole pictures: million camera paths), medians; ratios are \
 formed within rounds, with their range. Both sides get the same rays: a camera's in 8×8 tiles, those from its hits to
-a point light, and uniformly random ones. *Packet of 32*: lanes of a packet that stay together walk through the tree
+a point light, and uniformly random ones. *Close*: of a picture of a part of the mesh, so small that there are as many
+rays to a face at every size. *Packet of 32*: lanes of a packet that stay together walk through the tree
 together; *single*: each alone. `find` and `occluded` choose by themselves; at 1,310,720 faces most of the
 camera's and the shadow rays are too far apart for packets, and walk alone. Neither side's time has the building of the
 tree in it, nor ours the copy of the tables that a call of `render` makes once. Embree runs through Mitsuba, at the
@@ -170,11 +205,10 @@ def main() -> None:
     peer, message = find_peer(options.peer_python)
     console.print(f"{cpu_model()}\n{message}")
     results: dict[int, Rates] = {}
-    builds: list[list[str]] = []
+    trees: dict[int, dict[str, Any]] = {}
     for k in options.subdivisions:
         n = 20 * 4**k
-        results[n], seconds = measure(k, peer, options.rounds, options.tests, k == options.picture, console)
-        builds.append([f"{n:,}", f"{seconds:.2f}", f"{1e6 * seconds / n:.0f}"])
+        results[n], trees[n] = measure(k, peer, options.rounds, options.tests, k == options.picture, console)
     names = list(dict.fromkeys(name for rates in results.values() for name in rates))
     ratios = [f"{name} / Embree" for name in names if name != "Embree" and peer]
     header = ["faces", "rays", "kernel", *names, *ratios]
@@ -183,6 +217,7 @@ def main() -> None:
         for row in rows_of(faces, rates, names):
             table.add_row(*row)
     console.print(table)
+    builds = [[f"{n:,}", f"{t['build']:.2f}", f"{1e6 * t['build'] / n:.0f}"] for n, t in trees.items()]
     extra = ["## Building\n", markdown(["faces", "CPU s", "µs a face"], builds)]
     with tempfile.TemporaryDirectory() as folder:
         if options.large is not None:
@@ -193,7 +228,7 @@ def main() -> None:
     console.print("\n".join(extra))
     if options.report:
         about = f"{cpu_model()}; {versions()}; {message}; medians of {options.rounds} rounds."
-        write_report(options.report, about, header, names, results, extra)
+        write_report(options.report, about, header, names, results, trees, extra)
 
 
 def versions() -> str:

@@ -75,7 +75,18 @@ def walk(tree: Tree, boxes: Callable, leaf: Callable, farthest: Array) -> tuple[
     leaf(code, box, farthest, face) gives the last two anew, box being where its box is among the words. A lane whose
     farthest becomes −1 is done; its face is then 0.
     """
-    start = _State(
+
+    def step(w: _State) -> _State:
+        w = lax.while_loop(lambda w: w.code >= 0, lambda w: _descend(tree, boxes, w), w)
+        w = lax.while_loop(lambda w: (w.code < 0) & (w.code != NONE), lambda w: _visit(leaf, w), w)
+        return _pop(w)
+
+    end = lax.while_loop(_going, step, _start(tree, farthest))
+    return end.farthest, jnp.where((farthest >= 0) & (end.farthest < 0), 0, end.face)
+
+
+def _start(tree: Tree, farthest: Array) -> _State:
+    return _State(
         top=jnp.int32(-1),
         stack=jnp.zeros(2 * tree.depth, jnp.int32),
         code=jnp.int32(0),
@@ -85,20 +96,9 @@ def walk(tree: Tree, boxes: Callable, leaf: Callable, farthest: Array) -> tuple[
         face=jnp.full(farthest.shape, -1, jnp.int32),
     )
 
-    def visit(w: _State) -> _State:
-        farthest, face = leaf(w.code, w.box, w.farthest, w.face)
-        return w._replace(code=jnp.int32(NONE), farthest=farthest, face=face)
 
-    def step(w: _State) -> _State:
-        w = lax.while_loop(lambda w: w.code >= 0, lambda w: _descend(tree, boxes, w), w)
-        w = lax.while_loop(lambda w: (w.code < 0) & (w.code != NONE), visit, w)
-        return _pop(w)
-
-    def going(w: _State) -> Array:
-        return ((w.top >= 0) | (w.code != NONE)) & (_limit(w) >= 0)
-
-    end = lax.while_loop(going, step, start)
-    return end.farthest, jnp.where((farthest >= 0) & (end.farthest < 0), 0, end.face)
+def _going(w: _State) -> Array:
+    return ((w.top >= 0) | (w.code != NONE)) & (_limit(w) >= 0)
 
 
 def _limit(w: _State) -> Array:
@@ -133,6 +133,11 @@ def _nearest_child(tree: Tree, boxes: Callable, code: Array, left: Array, limit:
     found = jnp.where(met, 1 << lane, 0)
     first, all_ = lax.reduce((key, found), (jnp.iinfo(key.dtype).max, jnp.int32(0)), both, (0,))
     return (first & 7).astype(jnp.int32), all_, at
+
+
+def _visit(leaf: Callable, w: _State) -> _State:
+    farthest, face = leaf(w.code, w.box, w.farthest, w.face)
+    return w._replace(code=jnp.int32(NONE), farthest=farthest, face=face)
 
 
 def _pop(w: _State) -> _State:
