@@ -13,6 +13,7 @@ import platform
 import statistics
 import sys
 import tempfile
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -21,19 +22,18 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.mesh_rays import KINDS
-from benchmarks.peers import ratio_text
-from benchmarks.processes import HERE, cpu_model, find_peer, report_of, run_child, wide_console
+from benchmarks.processes import HERE, cpu_model, find_peer, ratio_text, report_of, run_child, wide_console
 
 TESTS = ("watertight", "moller-trumbore")
+PICTURE = 5  # subdivisions of the mesh of whole pictures
 Rates = dict[str, dict[str, list[float]]]  # contender -> kind -> Mrays per CPU second of each round
+Measured = dict[int, tuple[Rates, dict[str, Any]]]  # faces -> rates, and what building and walking the tree takes
 PANELS = (("camera", "close camera", "shadow", "close shadow"), ("incoherent", "incoherent any"))  # of the chart
-
-
 MODULE = [sys.executable, "-m", "benchmarks.mesh_jaxrt"]
 
 
 def measure(
-    subdivisions: int, peer: str | None, rounds: int, tests: list[str], picture: bool, console: Console
+    subdivisions: int, peer: str | None, rounds: int, tests: Sequence[str], picture: bool, console: Console
 ) -> tuple[Rates, dict[str, Any]]:
     """Return the rates of all contenders at one size, and what building and walking the tree takes."""
     with tempfile.TemporaryDirectory() as folder:
@@ -60,17 +60,38 @@ def kernel(kind: str) -> str:
     return "both" if kind not in KINDS else "single" if kind.startswith("incoherent") else "packet of 32"
 
 
-def rows_of(faces: int, rates: Rates, names: list[str]) -> list[list[str]]:
-    """Return the table's rows of one size; names: the columns' contenders, whether measured at this size or not."""
-    rows = []
-    for kind in next(iter(rates.values())):
-        known = {name: rates[name][kind] for name in names if kind in rates.get(name, {})}
-        row = [f"{faces:,}", kind, kernel(kind)]
-        row += [f"{statistics.median(known[name]):.2f}" if name in known else "" for name in names]
-        if "Embree" in known:
-            others = [name for name in names if name != "Embree"]
-            row += [ratio_text(known[name], known["Embree"]) if name in known else "" for name in others]
-        rows.append(row)
+def measure_all(
+    subdivisions: list[int],
+    peer: str | None,
+    rounds: int,
+    console: Console,
+    tests: Sequence[str] = TESTS,
+    picture: int = PICTURE,
+) -> Measured:
+    """Return what `measure` does for each size, a whole picture included at one."""
+    return {20 * 4**k: measure(k, peer, rounds, tests, k == picture, console) for k in sorted(subdivisions)}
+
+
+def table_of(measured: Measured) -> Table:
+    """Return the table of all sizes."""
+    header, *rows = rows_of(measured)
+    table = Table(*header, title="Searches of a mesh: Mrays per CPU second, medians (ratios: range)")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def rows_of(measured: Measured) -> list[list[str]]:
+    """Return the table's header and rows."""
+    names = list(dict.fromkeys(name for rates, _ in measured.values() for name in rates))
+    others = [name for name in names if name != "Embree"] if "Embree" in names else []
+    rows = [["faces", "rays", "kernel", *names, *(f"{name} / Embree" for name in others)]]
+    for faces, (rates, _) in measured.items():
+        for kind in next(iter(rates.values())):
+            known = {name: rates[name][kind] for name in names if kind in rates.get(name, {})}
+            medians = [f"{statistics.median(known[name]):.2f}" if name in known else "" for name in names]
+            ratios = [ratio_text(known[name], known["Embree"]) if name in known else "" for name in others]
+            rows.append([f"{faces:,}", kind, kernel(kind), *medians, *ratios])
     return rows
 
 
@@ -138,17 +159,10 @@ def large_text(report: dict[str, Any]) -> str:
     )
 
 
-def write_report(
-    path: str,
-    about: str,
-    header: list[str],
-    names: list[str],
-    results: dict[int, Rates],
-    trees: dict[int, dict[str, Any]],
-    extra: list[str],
-) -> None:
+def write_report(path: str, about: str, measured: Measured, extra: list[str]) -> None:
     """Write path.md, with the chart path.png."""
-    rows = [row for n, rates in sorted(results.items()) for row in rows_of(n, rates, names)]
+    header, *rows = rows_of(measured)
+    results, trees = ({n: both[i] for n, both in measured.items()} for i in range(2))
     draw_chart(f"{path}.png", results)
     parts = [
         "# Searches of a mesh, measured\n",
@@ -171,6 +185,9 @@ def write_report(
 
 COST = """In brackets the same over log₂ of the number of faces, which grows {growth:.2f} times from the first row to \
 the last.
+What a ray visits follows the depth of the tree. Its time follows where rays are as close as the faces are small. In one
+and the same picture of ever smaller faces, rays of a packet meet ever fewer leaves together, until they walk alone; and
+random rays in a large mesh wait for memory, Embree's as well as ours.
 """
 
 INTRODUCTION = """Mrays per CPU second of one core (of whole pictures: million camera paths), medians; ratios are \
@@ -178,9 +195,9 @@ formed within rounds, with their range. Both sides get the same rays: a camera's
 a point light, and uniformly random ones. *Close*: of a picture of a part of the mesh, so small that there are as many
 rays to a face at every size. *Packet of 32*: lanes of a packet that stay together walk through the tree
 together; *single*: each alone. `find` and `occluded` choose by themselves; at 1,310,720 faces most of the
-camera's and the shadow rays are too far apart for packets, and walk alone. Neither side's time has the building of the
-tree in it, nor ours the copy of the tables that a call of `render` makes once. Embree runs through Mitsuba, at the
-better of its settings (coherent or not). *Moller-trumbore* is the same walk with a test that leaks through edges: what
+camera's and the shadow rays that are not close are too far apart for packets, and walk alone. Neither side's time has
+the building of the tree in it, nor ours the boxes that a call of `render` puts around the vertices once. Embree runs
+through Mitsuba, at the better of its settings (coherent or not). *Moller-trumbore* is the same walk with a test that leaks through edges: what
 watertightness costs. A whole picture is the mesh in a room of six spheres under a sphere light, 256×256, 16 spp,
 max_depth 4, beside Mitsuba's `path`.
 """
@@ -192,7 +209,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--subdivisions", type=int, nargs="+", default=[3, 5, 6], help="of the mesh: 20·4ᵏ faces")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--tests", nargs="+", choices=TESTS, default=list(TESTS), help="of a ray and a face")
-    parser.add_argument("--picture", type=int, default=5, help="subdivisions of the mesh of whole pictures")
+    parser.add_argument("--picture", type=int, default=PICTURE, help="subdivisions of the mesh of whole pictures")
     parser.add_argument("--large", type=int, help="subdivisions of a mesh to build and draw once")
     parser.add_argument("--report", help="path of a Markdown file and a chart, without suffix")
     parser.add_argument("--peer-python", help="python of Mitsuba; default: $JAXRT_MITSUBA_PYTHON")
@@ -204,19 +221,9 @@ def main() -> None:
     options, console = arguments(), wide_console()
     peer, message = find_peer(options.peer_python)
     console.print(f"{cpu_model()}\n{message}")
-    results: dict[int, Rates] = {}
-    trees: dict[int, dict[str, Any]] = {}
-    for k in options.subdivisions:
-        n = 20 * 4**k
-        results[n], trees[n] = measure(k, peer, options.rounds, options.tests, k == options.picture, console)
-    names = list(dict.fromkeys(name for rates in results.values() for name in rates))
-    ratios = [f"{name} / Embree" for name in names if name != "Embree" and peer]
-    header = ["faces", "rays", "kernel", *names, *ratios]
-    table = Table(*header, title="Mrays per CPU second, medians (ratios: range)")
-    for faces, rates in results.items():
-        for row in rows_of(faces, rates, names):
-            table.add_row(*row)
-    console.print(table)
+    measured = measure_all(options.subdivisions, peer, options.rounds, console, options.tests, options.picture)
+    console.print(table_of(measured))
+    trees = {n: tree for n, (_, tree) in measured.items()}
     builds = [[f"{n:,}", f"{t['build']:.2f}", f"{1e6 * t['build'] / n:.0f}"] for n, t in trees.items()]
     extra = ["## Building\n", markdown(["faces", "CPU s", "µs a face"], builds)]
     with tempfile.TemporaryDirectory() as folder:
@@ -228,7 +235,7 @@ def main() -> None:
     console.print("\n".join(extra))
     if options.report:
         about = f"{cpu_model()}; {versions()}; {message}; medians of {options.rounds} rounds."
-        write_report(options.report, about, header, names, results, trees, extra)
+        write_report(options.report, about, measured, extra)
 
 
 def versions() -> str:

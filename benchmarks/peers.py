@@ -1,6 +1,6 @@
 """The same room with jaxrt and with Mitsuba 3: speed, start-up and memory, side by side.
 
-    python -m benchmarks.peers [--scene scenes/room.toml] [--peer-python PATH]
+    python -m benchmarks.peers [--scene scenes/room.toml] [--peer-python PATH] [--meshes 3 5 6]
 
 Each number comes from a process of its own. Contenders alternate within a round, in reversed order every
 other round, so that a drift of the machine hits both; ratios are formed within a round. Speed counts camera
@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks import meshes
 from benchmarks.processes import (
     Finished,
     cpu_model,
@@ -24,6 +25,7 @@ from benchmarks.processes import (
     flags,
     jaxrt_side,
     peer_side,
+    ratio_text,
     report_of,
     run_child,
     wide_console,
@@ -100,14 +102,6 @@ def alternate(contenders: list[Contender], rounds: int, cores: list[int], consol
     return results
 
 
-def ratio_text(ours: list[float], theirs: list[float]) -> str:
-    """Return 'median (least–most)' of the ratios ours / theirs within each round."""
-    if min(map(abs, theirs)) < 0.02:
-        return "peer too short to tell"
-    ratios = [a / b for a, b in zip(ours, theirs, strict=True)]
-    return f"{statistics.median(ratios):.2f} ({min(ratios):.2f}–{max(ratios):.2f})"
-
-
 def table_of(results: Results, peer: str | None, title: str) -> Table:
     """Return medians of each contender, and the ratios to the peer of those that are not it."""
     table = Table(title=title)
@@ -140,6 +134,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--repeat", type=int, default=3, help="timed calls in each process")
     parser.add_argument("--cores", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--memory-spp", type=int, default=1024, help="spp of the memory comparison; 0: none")
+    parser.add_argument("--meshes", type=int, nargs="+", help="also searches of meshes of 20·4ᵏ faces: 3 5 6")
     parser.add_argument("--peer-python", help="python of Mitsuba; default: $JAXRT_MITSUBA_PYTHON")
     return parser.parse_args()
 
@@ -160,6 +155,8 @@ def main() -> None:
         many = jaxrt_contender(options.scene, SAMPLERS[0], 1, size | {"spp": options.memory_spp})
         text = memory_text(contenders[0], many, options.cores[-1])
         console.print(f"{many.name}: peak memory at {options.spp} and {options.memory_spp} spp: {text}")
+    if options.meshes:
+        console.print(meshes.table_of(meshes.measure_all(options.meshes, python, options.rounds, console)))
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import json
 import os
 import platform
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -107,3 +108,11 @@ def cpu_model() -> str:
         wide = "AVX-512" if "avx512f" in information.read_text() else "no AVX-512"
         name = f"{found[0] if found else name} ({wide})"
     return f"{name}, {os.cpu_count()} cores"
+
+
+def ratio_text(ours: list[float], theirs: list[float]) -> str:
+    """Return 'median (least–most)' of the ratios ours / theirs within each round."""
+    if min(map(abs, theirs)) < 0.02:
+        return "peer too short to tell"
+    ratios = [a / b for a, b in zip(ours, theirs, strict=True)]
+    return f"{statistics.median(ratios):.2f} ({min(ratios):.2f}–{max(ratios):.2f})"

@@ -7,7 +7,7 @@ half each time. Here the finished program is found by what determines it, withou
 import hashlib
 import platform
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
@@ -59,10 +59,11 @@ def _load(file: Path, scene: Scene, run: Run, plan: Plan) -> Callable[[Scene, Ru
 
 
 def _compile(file: Path, scene: Scene, run: Run, plan: Plan) -> Callable[[Scene, Run], Array]:
-    """Return the program, which from now on is in the file too."""
+    """Return the program, which from now on is in the file too, if the disk has room."""
     with _cache_of_jax_off():
         program = draw_sum.lower(scene, run, plan).compile()
-    write_whole(file, partial(_write, serialize(program)[0]))
+    with suppress(OSError):
+        write_whole(file, partial(_write, serialize(program)[0]))
     return program
 
 

@@ -66,10 +66,10 @@ def test_a_program_is_kept_whole_and_for_its_owner_only(tmp_path: Path, monkeypa
     def full(source: Path, target: Path) -> None:
         raise OSError(28, "No space left on device", str(target))
 
-    with monkeypatch.context() as context, pytest.raises(OSError, match="No space left"):
+    with monkeypatch.context() as context:
         context.setattr("jaxrt.writing.os.replace", full)
-        load_or_compile(tmp_path, *arguments)
-    assert list(tmp_path.iterdir()) == []
+        program = load_or_compile(tmp_path, *arguments)
+    assert list(tmp_path.iterdir()) == [] and program(*arguments[:2]).shape[-1] == 3
     load_or_compile(tmp_path, *arguments)
     (file,) = tmp_path.iterdir()
     assert file.suffix == ".program" and file.stat().st_mode & 0o777 == 0o600
