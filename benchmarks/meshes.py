@@ -197,9 +197,9 @@ rays to a face at every size. *Packet of 32*: lanes of a packet that stay togeth
 together; *single*: each alone. `find` and `occluded` choose by themselves; at 1,310,720 faces most of the
 camera's and the shadow rays that are not close are too far apart for packets, and walk alone. Neither side's time has
 the building of the tree in it, nor ours the boxes that a call of `render` puts around the vertices once. Embree runs
-through Mitsuba, at the better of its settings (coherent or not). *Moller-trumbore* is the same walk with a test that leaks through edges: what
-watertightness costs. A whole picture is the mesh in a room of six spheres under a sphere light, 256×256, 16 spp,
-max_depth 4, beside Mitsuba's `path`.
+through Mitsuba, at the better of its settings (coherent or not). *Moller-trumbore* is the same walk with a test that
+leaks through edges: what watertightness costs. A whole picture is the mesh in a room of six spheres under a sphere
+light, 256×256, 16 spp, max_depth 4, beside Mitsuba's `path`.
 """
 
 
