@@ -2,7 +2,8 @@
 
 A binary tree is grown level by level, all nodes of a level at once, each split where the binned surface-area heuristic
 is least (Wald, "On fast construction of SAH-based bounding volume hierarchies", 2007). It is then collapsed to eight
-children a node by opening the child of the largest area (Wald, Benthin and Boulos, "Getting rid of packets", 2008).
+children a node, so that the areas of all nodes sum up to the least there is (Ylitie, Karras and Laine, "Efficient
+incoherent ray traversal on GPUs through compressed wide BVHs", 2017, section 3.1).
 Boxes are not kept: `boxes.py` derives them from the vertices of the moment, so that moved vertices find true boxes.
 """
 
@@ -50,6 +51,7 @@ class _Binary(NamedTuple):
     end: np.ndarray  # (k,)
     area: np.ndarray  # (k,) half surface area of the box
     order: np.ndarray  # (f,) faces
+    levels: np.ndarray  # (l + 1,) first node of each level, and k
 
 
 class _Faces(NamedTuple):
@@ -140,7 +142,7 @@ def _grow(faces: _Faces) -> _Binary:
             area.append(_area(*_range_boxes(faces.take(order), begin[-1], end[-1])))
         nodes, level = nodes + 2 * len(a), level + 1
     parts = [np.concatenate(x) for x in (left, begin, end, area)]
-    return _Binary(parts[0], parts[1], parts[2], parts[3], order)
+    return _Binary(parts[0], parts[1], parts[2], parts[3], order, np.cumsum([0, *map(len, left)]))
 
 
 def _counting(size: np.ndarray) -> np.ndarray:
@@ -216,9 +218,9 @@ def _collapse(tree: _Binary) -> Topology:
     starts = tree.begin[leaf_nodes]
     leaf_of = np.full(len(tree.left), -1)
     leaf_of[leaf_nodes] = np.arange(len(leaf_nodes))
-    levels, frontier, nodes = [], np.zeros(1, int), 1
+    share, levels, frontier, nodes = _share(tree), [], np.zeros(1, int), 1
     while len(frontier):
-        slots = _open(tree, frontier)
+        slots = _open(tree, share, frontier)
         inner = (slots >= 0) & (tree.left[slots] >= 0)
         children = -1 - leaf_of[slots]
         children[inner] = nodes + np.arange(inner.sum())
@@ -240,16 +242,40 @@ def _collapse(tree: _Binary) -> Topology:
     return Topology(a, b, c, d, depth=len(levels))
 
 
-def _open(tree: _Binary, nodes: np.ndarray) -> np.ndarray:
-    """Return up to eight descendants (n, 8) of each node, −1 for none: the largest is opened again and again."""
-    slots = np.full((len(nodes), WIDTH), -1)
-    slots[:, 0] = nodes
-    rows = np.arange(len(nodes))
-    for free in range(1, WIDTH):
-        can_open = (slots >= 0) & (tree.left[slots] >= 0)
-        pick = np.where(can_open, tree.area[slots], -1).argmax(1)
-        child = tree.left[slots[rows, pick]]
-        ok = can_open.any(1)
-        slots[ok, pick[ok]] = child[ok]
-        slots[ok, free] = child[ok] + 1
+def _share(tree: _Binary) -> np.ndarray:
+    """Return (k, 8): where a node may take up to j of its ancestor's slots, how many of them its left child may take.
+
+    At [:, j - 1]; 0 where it takes one as a node, or is a leaf. At [:, 0], the share of a node's own eight slots.
+    """
+    # No area costs a little, too: of equal sums the one of fewest nodes
+    area = tree.area / (tree.area[0] or 1) + 1e-6
+    cost, share = np.zeros((len(area), WIDTH)), np.zeros((len(area), WIDTH), np.int8)
+    for begin, end in zip(tree.levels[-2::-1], tree.levels[:0:-1], strict=True):
+        node = begin + np.flatnonzero(tree.left[begin:end] >= 0)
+        left, right = cost[tree.left[node]], cost[tree.left[node] + 1]
+        ways = [left[:, :j] + right[:, j - 1 :: -1] for j in range(1, WIDTH)]
+        cost[node, 0], share[node, 0] = ways[-1].min(1) + area[node], ways[-1].argmin(1) + 1
+        fewer, taken = cost[node, 0], np.zeros(len(node), np.int8)
+        for j, way in enumerate(ways, 1):
+            taken = np.where(way.min(1) < fewer, way.argmin(1) + 1, taken)
+            fewer = np.minimum(way.min(1), fewer)
+            cost[node, j], share[node, j] = fewer, taken
+    return share
+
+
+def _open(tree: _Binary, share: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """Return up to eight descendants (n, 8) of each node, −1 for none, as they share its slots."""
+    slots, free = np.full((len(nodes), WIDTH), -1), np.zeros((len(nodes), WIDTH), int)
+    slots[:, 0], free[:, 0] = nodes, WIDTH
+    lefts = share[nodes, 0]
+    row, place = np.flatnonzero(lefts), np.zeros(np.count_nonzero(lefts), int)
+    lefts = lefts[row]
+    while len(row):
+        child, count = tree.left[slots[row, place]], free[row, place]
+        slots[row, place], free[row, place] = child, lefts
+        slots[row, place + lefts], free[row, place + lefts] = child + 1, count - lefts
+        row, place = np.nonzero(free > 1)
+        lefts = share[slots[row, place], free[row, place] - 1]
+        free[row[lefts == 0], place[lefts == 0]] = 1
+        row, place, lefts = (x[lefts > 0] for x in (row, place, lefts))
     return slots
