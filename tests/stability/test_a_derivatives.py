@@ -1,4 +1,4 @@
-"""Derivatives where naive ones are wrong, biased or no numbers: cases A1, A3-A8. Naive methods are seen to fail.
+"""Derivatives where naive ones are wrong, biased or no numbers: cases A1, A3-A8 and X9. Naive methods are seen to fail.
 
 Seeds are fixed: a test passes always or never. "4σ" of a mean fails for 6e-5 of random seeds.
 """
@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import lax
 
 import jaxrt
 from jaxrt.maths import FAR, normalize, safe_divide, safe_sqrt
@@ -214,9 +215,9 @@ def noiseless_ball():
     return jaxrt.render(lit_ball(), 10**6, spp=2**16, max_depth=3, devices=ONE)
 
 
-@pytest.mark.parametrize("spp", [1, 4])
-def test_a5_loss_gradients_at_the_true_parameters(figures, spp):
-    """With a seed of their own 0 ± 4σ of 256 seeds; with the picture's own, biased by the picture's variance."""
+@cache
+def loss_gradient(spp, devices):
+    """Return the compiled function (key, gradient_key) -> slope (3,) of a loss in the light's position."""
     scene, target = lit_ball(), noiseless_ball()
     truth = jaxrt.parameters(scene)["lights.position"]
 
@@ -224,12 +225,19 @@ def test_a5_loss_gradients_at_the_true_parameters(figures, spp):
     def gradient(key, gradient_key):
         def loss(place):
             moved = jaxrt.with_parameters(scene, {"lights.position": place})
-            options = {"spp": spp, "max_depth": 3, "sampler": "independent", "devices": ONE}
+            options = {"spp": spp, "max_depth": 3, "sampler": "independent", "devices": devices}
             image = jaxrt.render(moved, key, gradient_key=gradient_key, **options)
             return jnp.sum((image - target) ** 2)
 
         return jax.grad(loss)(truth)[0]
 
+    return gradient
+
+
+@pytest.mark.parametrize("spp", [1, 4])
+def test_a5_loss_gradients_at_the_true_parameters(figures, spp):
+    """With a seed of their own 0 ± 4σ of 256 seeds; with the picture's own, biased by the picture's variance."""
+    gradient = loss_gradient(spp, ONE)
     seeds = np.arange(256, dtype=np.uint32)
     apart, error = mean_and_error([gradient(k, k + np.uint32(10**4)) for k in seeds])
     off = abs(apart) / error
@@ -242,6 +250,30 @@ def test_a5_loss_gradients_at_the_true_parameters(figures, spp):
         ours=off,
         at_most=4,
     )
+
+
+def test_x9_gradients_are_the_same_every_time(figures):
+    """Backwards, bit by bit, on one CPU device and on two, 16 times. There is no GPU here to see what one does.
+
+    Naive: the terms of a sum as they happen to come, here a million in two orders.
+    """
+    terms = np.random.default_rng(9).random(10**6, np.float32)
+    backwards = terms[::-1].copy()
+    total = jax.jit(lambda x: lax.scan(lambda s, x: (s + x, None), jnp.float32(0), x)[0])
+    changed = []
+    for devices in (ONE, tuple(jax.devices())):
+        gradient = loss_gradient(4, devices)
+        first, *more = (np.asarray(gradient(np.uint32(5), np.uint32(6))) for _ in range(16))
+        assert first.any()
+        changed += [np.count_nonzero(x.view(np.int32) != first.view(np.int32)) for x in more]
+    bad = int(total(terms) != total(backwards))
+    what = "numbers of a gradient that another run changes; naive: a sum in another order"
+    figures("X9", what, naive=bad, ours=changed, at_most=0)
+    one, two = (
+        np.asarray(loss_gradient(4, devices)(np.uint32(5), np.uint32(6))) for devices in (ONE, tuple(jax.devices()))
+    )
+    off = np.abs(one - two).max() / np.abs(one).max()
+    figures("X9", "relative difference of a gradient between one device and two", ours=off, at_most=1e-5)
 
 
 # A6: truncated paths, A8: bounds

@@ -1,7 +1,8 @@
-"""The tree of a mesh against one test per face: cases B1-B6. Both run jitted, on rays of all kinds."""
+"""The tree of a mesh against one test per face: cases B1-B6, X7. Both run jitted, on rays of all kinds."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
+from unittest.mock import patch
 
 import jax
 import jax.numpy as jnp
@@ -9,11 +10,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from jax import lax
 
 from jaxrt.maths import FAR
-from jaxrt.shapes import survey, topology_of
+from jaxrt.shapes import survey, topology_of, walk
+from jaxrt.shapes.triangle import triangle_table
 from tests import meshes
-from tests.searches import assert_same, padded, rays_at, search
+from tests.searches import LEAVES, NODES, assert_same, padded, rays_at, search
 
 N = 102_400
 
@@ -137,6 +140,69 @@ def test_b6_thin_diagonals_cost_more_visits_than_a_compact_mesh(figures):
     visits = thin.node_visits / compact.node_visits
     figures("B6", "visits of boxes on crossing diagonals, per visit on a compact mesh", ours=visits, at_most=5)
     assert compact.node_visits < 15 < thin.node_visits
+
+
+ADVERSE = {
+    "exponential": meshes.exponential(100),
+    "coincident": meshes.soup(np.tile(np.float32([[-1, -1, 0], [1, -1, 0], [0, 1, 0]]), (1300, 1, 1))),
+    "diagonals": meshes.diagonals(np.random.default_rng(4), 1300),
+}
+
+
+@jax.jit
+def steps_of(triangles, o, d, farthest, forget):
+    """Return (nodes visited, each return counted; leaves; highest level of the stack) of rays, all in lockstep.
+
+    forget: to which children of a node the walk has been. It then ends at twice the steps that it may take.
+    """
+    tree = triangle_table(triangles).tree
+    return jax.vmap(lambda *ray: counted(tree, forget, *ray))(o, d, farthest)
+
+
+def counted(tree, forget, o, d, farthest):
+    """Return what `steps_of` does, of one ray."""
+
+    def counted_walk(tree, boxes, leaf, farthest):
+        def step(state):
+            w, nodes, leaves, top = state
+            kind = jnp.where(w.code >= 0, 0, jnp.where(w.code != walk.NONE, 1, 2))
+            branches = partial(walk._descend, tree, boxes), partial(walk._visit, leaf), walk._pop
+            w = lax.switch(kind, branches, w._replace(left=jnp.where(forget, walk.ALL, w.left)))
+            return (
+                w,
+                *(n + (kind == k).astype(jnp.int32) for k, n in enumerate((nodes, leaves))),
+                jnp.maximum(top, w.top),
+            )
+
+        def going(state):
+            return walk._going(state[0]) & (state[1] + state[2] < 2 * (NODES + LEAVES))
+
+        zero = jnp.int32(0)
+        return lax.while_loop(going, step, (walk._start(tree, farthest), zero, zero, jnp.int32(-1)))[1:], None
+
+    with patch.object(walk, "walk", counted_walk):
+        return walk.walk_alone(False, tree, *walk.ray_rows(o, d), farthest)[0]
+
+
+@pytest.mark.parametrize("name", ADVERSE)
+def test_x7_walks_end(figures, name):
+    """Each visit of a node takes one of its children, or finds those left out of reach: never more visits than links.
+
+    In lockstep, where a lane that does not end keeps all. Naive: a return to a node begins it anew, up to a limit.
+    """
+    vertices, faces = ADVERSE[name]
+    vertices = vertices.astype(np.float32).astype(float)
+    tree = topology_of(vertices, faces, least=1)
+    o, d = rays_at(np.random.default_rng(10), vertices, faces, 1024)
+    arguments = padded(vertices, faces), o, d, np.full(len(o), FAR, np.float32)
+    nodes, leaves, top = map(np.asarray, steps_of(*arguments, False))
+    links = int(np.sum(np.asarray(tree.first) < np.asarray(tree.last)))
+    assert leaves.max() > 0
+    bad = steps_of(*arguments, True)[0].max() / links if name == "coincident" else None
+    what = "nodes that a ray visits or returns to, per link of an adverse tree; naive: all children each time"
+    figures("X7", what, naive=bad, ours=nodes / links, at_most=1)
+    figures("X7", "leaves that a ray visits, per leaf of the tree", ours=leaves / len(tree.faces), at_most=1)
+    figures("X7", "levels in use of a walk's stack, per level of the tree", ours=(top + 1) / tree.depth, at_most=1)
 
 
 coordinates = st.floats(-1, 1, width=16)
