@@ -19,7 +19,7 @@ import pytest
 from benchmarks.processes import cpu_model
 
 FIGURES, TWIN = "stability figures", "stability twin"
-COMMAND = "python -m pytest -n 2 --stability-report docs/stability.md"
+COMMAND = "python -m pytest -n 2 --stability-report=docs/stability.md"
 GROUPS = {
     "X": ("The platform", "What a compiler, a gather, a flag or an index may do to a renderer."),
     "S": ("Rays and spheres", "Far, huge, touching and impossible spheres."),
