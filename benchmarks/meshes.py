@@ -95,24 +95,29 @@ def rows_of(measured: Measured) -> list[list[str]]:
     return rows
 
 
-def draw_chart(path: str, results: dict[int, Rates]) -> None:
-    """Save the time of a ray over the number of faces: straight lines on a logarithmic axis."""
+def draw_chart(path: str, measured: Measured) -> None:
+    """Save what a ray visits and takes over the number of faces: straight lines on a logarithmic axis."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, panels = pyplot.subplots(1, 2, figsize=(10, 4.5), layout="constrained")
-    for axes, kinds in zip(panels, PANELS, strict=True):
-        for colour, kind in enumerate(kinds):
+    figure, panels = pyplot.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
+    colours = {kind: f"C{i}" for i, kind in enumerate(KINDS)}
+    for kind, colour in colours.items():
+        visits = [sum(tree["visits"][kind]) for _, tree in measured.values()]
+        panels[0].plot(list(measured), visits, "-", marker="o", color=colour, label=kind)
+    for axes, kinds in zip(panels[1:], PANELS, strict=True):
+        for kind in kinds:
             for contender, dashes in (("watertight", "-"), ("Embree", ":")):
-                points = [(n, nanoseconds(r[contender][kind])) for n, r in sorted(results.items()) if contender in r]
+                points = [(n, nanoseconds(r[contender][kind])) for n, (r, _) in measured.items() if contender in r]
                 if points:
                     label = f"{'jaxrt' if contender == 'watertight' else contender}, {kind}"
-                    axes.plot(*zip(*points, strict=True), dashes, marker="o", color=f"C{colour}", label=label)
-        axes.set(xscale="log", xlabel="faces", ylabel="CPU ns a ray", ylim=(0, None))
+                    axes.plot(*zip(*points, strict=True), dashes, marker="o", color=colours[kind], label=label)
+    for axes, label in zip(panels, ("nodes and leaves a ray", "CPU ns a ray", "CPU ns a ray"), strict=True):
+        axes.set(xscale="log", xlabel="faces", ylabel=label, ylim=(0, None))
         axes.legend(fontsize="small")
-    figure.savefig(path, dpi=120)
+    figure.savefig(path, dpi=100)
 
 
 def nanoseconds(rates: list[float]) -> float:
@@ -163,7 +168,7 @@ def write_report(path: str, about: str, measured: Measured, extra: list[str]) ->
     """Write path.md, with the chart path.png."""
     header, *rows = rows_of(measured)
     results, trees = ({n: both[i] for n, both in measured.items()} for i in range(2))
-    draw_chart(f"{path}.png", results)
+    draw_chart(f"{path}.png", measured)
     parts = [
         "# Searches of a mesh, measured\n",
         f"{about} Written by `python -m benchmarks.meshes --report`.\n",
@@ -177,7 +182,7 @@ def write_report(path: str, about: str, measured: Measured, extra: list[str]) ->
         markdown(["faces", *KINDS], cost_rows(results, "watertight")),
         "and Embree's:\n",
         markdown(["faces", *KINDS], cost_rows(results, "Embree")),
-        f"![Time of a ray over the number of faces]({Path(path).name}.png)\n",
+        f"![Visits and time of a ray over the number of faces]({Path(path).name}.png)\n",
         *extra,
     ]
     Path(f"{path}.md").write_text("\n".join(parts), encoding="utf-8")
