@@ -120,7 +120,7 @@ def count_visits(tree: Any, rays: dict[str, np.ndarray], name: str, any_hit: boo
 
     o, d = (rays[f"{name}_{part}"][::31] for part in "od")
     reach = rays.get(f"{name}_reach", np.full(len(rays[f"{name}_o"]), 1e30, np.float32))[::31]
-    found = jax.jit(jax.vmap(lambda *ray: visits(any_hit, tree, *ray)))(o, d, reach)
+    found = jax.jit(jax.vmap(lambda *ray: visits(any_hit, tree, *ray)[0]))(o, d, reach)
     return [float(x) for x in found.mean(0)]
 
 

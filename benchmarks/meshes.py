@@ -168,6 +168,7 @@ def write_report(path: str, about: str, measured: Measured, extra: list[str]) ->
     """Write path.md, with the chart path.png."""
     header, *rows = rows_of(measured)
     results, trees = ({n: both[i] for n, both in measured.items()} for i in range(2))
+    embree = cost_rows(results, "Embree")
     draw_chart(f"{path}.png", measured)
     parts = [
         "# Searches of a mesh, measured\n",
@@ -180,8 +181,7 @@ def write_report(path: str, about: str, measured: Measured, extra: list[str]) ->
         markdown(["faces", *KINDS], visit_rows(trees)),
         "CPU ns a ray:\n",
         markdown(["faces", *KINDS], cost_rows(results, "watertight")),
-        "and Embree's:\n",
-        markdown(["faces", *KINDS], cost_rows(results, "Embree")),
+        *(["and Embree's:\n", markdown(["faces", *KINDS], embree)] if embree else []),
         f"![Visits and time of a ray over the number of faces]({Path(path).name}.png)\n",
         *extra,
     ]

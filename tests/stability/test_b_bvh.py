@@ -1,8 +1,7 @@
 """The tree of a mesh against one test per face: cases B1-B6, X7. Both run jitted, on rays of all kinds."""
 
 from dataclasses import replace
-from functools import cache, partial
-from unittest.mock import patch
+from functools import cache
 
 import jax
 import jax.numpy as jnp
@@ -10,8 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from jax import lax
 
+from benchmarks.alternatives.counted_walk import visits
 from jaxrt.maths import FAR
 from jaxrt.shapes import survey, topology_of, walk
 from jaxrt.shapes.triangle import triangle_table
@@ -151,37 +150,16 @@ ADVERSE = {
 
 @jax.jit
 def steps_of(triangles, o, d, farthest, forget):
-    """Return (nodes visited, each return counted; leaves; highest level of the stack) of rays, all in lockstep.
+    """Return (nodes, each return counted, and leaves visited (n, 2); levels of the stack in use) of rays, in lockstep.
 
     forget: to which children of a node the walk has been. It then ends at twice the steps that it may take.
     """
     tree = triangle_table(triangles).tree
-    return jax.vmap(lambda *ray: counted(tree, forget, *ray))(o, d, farthest)
 
+    def before(w):
+        return w._replace(left=jnp.where(forget, walk.ALL, w.left))
 
-def counted(tree, forget, o, d, farthest):
-    """Return what `steps_of` does, of one ray."""
-
-    def counted_walk(tree, boxes, leaf, farthest):
-        def step(state):
-            w, nodes, leaves, top = state
-            kind = jnp.where(w.code >= 0, 0, jnp.where(w.code != walk.NONE, 1, 2))
-            branches = partial(walk._descend, tree, boxes), partial(walk._visit, leaf), walk._pop
-            w = lax.switch(kind, branches, w._replace(left=jnp.where(forget, walk.ALL, w.left)))
-            return (
-                w,
-                *(n + (kind == k).astype(jnp.int32) for k, n in enumerate((nodes, leaves))),
-                jnp.maximum(top, w.top),
-            )
-
-        def going(state):
-            return walk._going(state[0]) & (state[1] + state[2] < 2 * (NODES + LEAVES))
-
-        zero = jnp.int32(0)
-        return lax.while_loop(going, step, (walk._start(tree, farthest), zero, zero, jnp.int32(-1)))[1:], None
-
-    with patch.object(walk, "walk", counted_walk):
-        return walk.walk_alone(False, tree, *walk.ray_rows(o, d), farthest)[0]
+    return jax.vmap(lambda *ray: visits(False, tree, *ray, before, 2 * (NODES + LEAVES)))(o, d, farthest)
 
 
 @pytest.mark.parametrize("name", ADVERSE)
@@ -195,14 +173,17 @@ def test_x7_walks_end(figures, name):
     tree = topology_of(vertices, faces, least=1)
     o, d = rays_at(np.random.default_rng(10), vertices, faces, 1024)
     arguments = padded(vertices, faces), o, d, np.full(len(o), FAR, np.float32)
-    nodes, leaves, top = map(np.asarray, steps_of(*arguments, False))
+    counts, levels = steps_of(*arguments, False)
+    nodes, leaves = np.asarray(counts).T
     links = int(np.sum(np.asarray(tree.first) < np.asarray(tree.last)))
     assert leaves.max() > 0
-    bad = steps_of(*arguments, True)[0].max() / links if name == "coincident" else None
+    bad = steps_of(*arguments, True)[0][:, 0].max() / links if name == "coincident" else None
     what = "nodes that a ray visits or returns to, per link of an adverse tree; naive: all children each time"
     figures("X7", what, naive=bad, ours=nodes / links, at_most=1)
     figures("X7", "leaves that a ray visits, per leaf of the tree", ours=leaves / len(tree.faces), at_most=1)
-    figures("X7", "levels in use of a walk's stack, per level of the tree", ours=(top + 1) / tree.depth, at_most=1)
+    figures(
+        "X7", "levels in use of a walk's stack, per level of the tree", ours=np.asarray(levels) / tree.depth, at_most=1
+    )
 
 
 coordinates = st.floats(-1, 1, width=16)
