@@ -1,12 +1,18 @@
 """jaxrt: a differentiable Monte-Carlo path tracer in JAX."""
 
-from jaxrt.description import SceneError, SceneWarning
-from jaxrt.gradcheck import gradcheck
-from jaxrt.io import load_image, load_mesh, load_scene, save_image
-from jaxrt.jacobian import jacobian_once
-from jaxrt.parameters import parameters, with_parameters
-from jaxrt.render import render, use_cpu_cores
-from jaxrt.scene import Scene, build
+import importlib
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jaxrt.gradcheck import gradcheck
+    from jaxrt.io import load_image, load_mesh, load_scene, save_image
+    from jaxrt.jacobian import jacobian_once
+    from jaxrt.messages import SceneError, SceneWarning
+    from jaxrt.parameters import parameters, with_parameters
+    from jaxrt.render import render, use_cpu_cores
+    from jaxrt.scene import Scene, build
 
 __all__ = [
     "Scene",
@@ -24,3 +30,38 @@ __all__ = [
     "use_cpu_cores",
     "with_parameters",
 ]
+
+# Where the names are, imported when one is asked for: the command line's help needs neither JAX nor NumPy
+_HOMES = {
+    "gradcheck": ("gradcheck",),
+    "io": ("load_image", "load_mesh", "load_scene", "save_image"),
+    "jacobian": ("jacobian_once",),
+    "messages": ("SceneError", "SceneWarning"),
+    "parameters": ("parameters", "with_parameters"),
+    "render": ("render", "use_cpu_cores"),
+    "scene": ("Scene", "build"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    home = next((home for home, names in _HOMES.items() if name in names), None)
+    if home is None:
+        raise AttributeError(f"module 'jaxrt' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"jaxrt.{home}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__
+
+
+class _Face(ModuleType):
+    """The package, in which a submodule does not hide the function of its name."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not (isinstance(value, ModuleType) and name in __all__):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Face

@@ -1,6 +1,7 @@
 """The command line inside a test: a scene file in a working folder, and what a command says."""
 
 from jaxrt import cli
+from jaxrt.cli import start
 
 BALL = """
 [camera]
@@ -30,7 +31,7 @@ intensity = 2000
 def working_folder(path, monkeypatch, ball=BALL):
     """Return the path, made the working folder, with ball.toml in it; JAX keeps the tests' devices and cache."""
     monkeypatch.chdir(path)
-    monkeypatch.setattr(cli, "_start_jax", lambda cores: None)
+    monkeypatch.setattr(start, "start_jax", lambda cores: None)
     (path / "ball.toml").write_text(ball)
     return path
 

@@ -11,8 +11,10 @@ import pytest
 from command import BALL, run, working_folder
 from jax.stages import Compiled
 
+import jaxrt
 from jaxrt import chunks as chunks_module
 from jaxrt import cli, programs, summary
+from jaxrt.cli import progress, start
 from jaxrt.io.image import load_image, save_image
 from jaxrt.io.scene_file import read_description
 from jaxrt.render import Run
@@ -56,7 +58,7 @@ def test_a_program_runs_once_before_it_draws(folder, capsys, monkeypatch, path):
     keep, calls = folder / "programs", []
     keep.mkdir()
     if path != "no folder":
-        monkeypatch.setattr(cli, "_start_jax", lambda cores: keep)
+        monkeypatch.setattr(start, "start_jax", lambda cores: keep)
     if path == "loaded":
         run(capsys, "render", "ball.toml")
     counted = {
@@ -102,25 +104,25 @@ def test_exposure_and_srgb_reach_the_file(folder, capsys):
 
 def test_the_cores_are_all_usable_ones_unless_told(folder, capsys, monkeypatch):
     asked = []
-    monkeypatch.setattr(cli, "_start_jax", lambda cores: asked.append(cores))
+    monkeypatch.setattr(start, "start_jax", lambda cores: asked.append(cores))
     run(capsys, "render", "ball.toml")
     run(capsys, "render", "ball.toml", "--cores", 3)
-    assert asked == [cli._usable_cores(), 3]
-    monkeypatch.delattr(cli.os, "sched_getaffinity", raising=False)
-    assert cli._usable_cores() == (os.cpu_count() or 1)
+    assert asked == [start.usable_cores(), 3]
+    monkeypatch.delattr(start.os, "sched_getaffinity", raising=False)
+    assert start.usable_cores() == (os.cpu_count() or 1)
 
 
 def test_jax_is_started_with_the_cores_and_a_cache(tmp_path, monkeypatch):
     import jax
 
     asked, options = [], {}
-    monkeypatch.setattr(cli, "use_cpu_cores", asked.append)
-    monkeypatch.setattr(cli.gc, "disable", lambda: asked.append("no collector"))
+    monkeypatch.setattr(start, "use_cpu_cores", asked.append)
+    monkeypatch.setattr(start.gc, "disable", lambda: asked.append("no collector"))
     monkeypatch.setattr(jax.config, "update", options.__setitem__)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
     with jax.enable_x64(False):
-        cli._start_jax(2)
+        start.start_jax(2)
     assert asked == [2, "no collector"]
     assert options["jax_compilation_cache_dir"] == str(tmp_path / "jaxrt")
     assert (tmp_path / "jaxrt").is_dir()
@@ -218,7 +220,7 @@ def test_bad_arguments_are_refused(folder, capsys, argv, message):
 def test_outputs_that_cannot_be_written_are_refused_before_rendering(folder, capsys, monkeypatch):
     (folder / "a.png").mkdir()
     assert "a.png: is a folder" in refused(capsys, folder, "render", "ball.toml", "-o", "a.png")
-    monkeypatch.setattr(cli.os, "access", lambda path, mode: False)
+    monkeypatch.setattr(start.os, "access", lambda path, mode: False)
     assert "is not writable: choose another" in refused(capsys, folder, "render", "ball.toml", "-o", "b.png")
 
 
@@ -233,7 +235,7 @@ def test_failures_of_saving_are_one_line(folder, capsys, monkeypatch):
     assert [p.name for p in folder.iterdir()] == ["ball.toml"]
 
 
-@pytest.mark.parametrize("moment", ["jaxrt.cli._draw", "jaxrt.writing.os.replace"])
+@pytest.mark.parametrize("moment", ["jaxrt.cli.render._draw", "jaxrt.writing.os.replace"])
 def test_ctrl_c_leaves_no_half_written_file(folder, capsys, monkeypatch, moment):
     def interrupt(*arguments):
         raise KeyboardInterrupt
@@ -267,9 +269,9 @@ def test_chunks_cover_every_sample_once(monkeypatch, seconds_per_sample, idle):
 
 
 def test_progress_is_a_bar_on_a_terminal(monkeypatch, capsys):
-    monkeypatch.setattr(cli.sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(progress.sys.stderr, "isatty", lambda: True, raising=False)
     monkeypatch.setenv("TERM", "xterm")
-    with cli._progress(4) as report:
+    with progress.progress(4) as report:
         report(0)
         report(4)
     assert "4/4 spp" not in capsys.readouterr().err
@@ -369,3 +371,21 @@ def test_the_command_as_a_process(tmp_path):
     assert done.stderr == "jaxrt: 1/2 spp, 0.0 s left\njaxrt: 2/2 spp, 0.0 s left\n"
     assert load_image(tmp_path / "ball.png").shape == (12, 16, 3)
     assert any((tmp_path / "cache" / "jaxrt").iterdir())
+
+
+@pytest.mark.parametrize("argv", [["--help"], ["render", "--help"], ["fit", "--help"], ["render", "--spp", "x", "a"]])
+def test_help_and_typing_errors_load_nothing_large(argv: list[str]) -> None:
+    code = (
+        "import sys; from jaxrt.cli import main\n"
+        f"try: status = main({argv!r})\nexcept SystemExit as end: status = end.code\n"
+        "large = {'jax', 'numpy', 'trimesh', 'pydantic'} & sys.modules.keys()\n"
+        "sys.exit(f'imported {large}' if large else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_package_shows_its_public_names_whatever_was_imported_before() -> None:
+    code = "from jaxrt.render import prepare; import jaxrt.gradcheck, jaxrt\nprint(dir(jaxrt), jaxrt.render.__name__)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == f"{sorted(jaxrt.__all__)} render\n"

@@ -94,7 +94,7 @@ def test_inverse_guide(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: 
     (tmp_path / "scenes/ball_on_floor.toml").write_text(text)
     (tmp_path / "guess.toml").write_text(text.replace("[4, 9, 3]", "[3, 8, 2]"))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("jaxrt.cli._start_jax", lambda cores: None)
+    monkeypatch.setattr("jaxrt.cli.start.start_jax", lambda cores: None)
     render, fit = (shlex.split(line)[1:] for line in commands.splitlines())
     assert main(render) == 0
     assert main([*fit, "--spp", "4", "--max-steps", "6"]) in (0, 1), capsys.readouterr().err

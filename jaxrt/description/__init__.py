@@ -31,19 +31,16 @@ from jaxrt.description.values import (
     Name,
     Radius,
     Rgb,
-    SceneError,
-    SceneWarning,
     Table,
     Vector,
     complaint,
-    nearest,
     number,
     plain,
-    show,
     tables,
     three,
 )
 from jaxrt.mesh_facts import COLLINEAR
+from jaxrt.messages import SceneError, SceneWarning, nearest, show
 
 __all__ = [
     "CameraDescription",

@@ -1,14 +1,14 @@
 """The numbers, names and tables that descriptions are made of, and how they are refused."""
 
-import difflib
-import json
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationInfo, model_validator
 from pydantic_core import PydanticCustomError
+
+from jaxrt.messages import nearest, show
 
 FLOAT32_MAX = float(np.finfo(np.float32).max)
 FLOAT32_TINY = float(np.finfo(np.float32).tiny)
@@ -30,30 +30,6 @@ EXAMPLES = {
     "ior": "ior = 1.5",
     "type": 'type = "diffuse", "mirror" or "glass"',
 }
-
-
-class SceneError(ValueError):
-    """A scene that cannot be rendered: one line with source, place, culprit and remedy."""
-
-
-class SceneWarning(UserWarning):
-    """A scene that can be rendered, but hardly means what it says."""
-
-
-def show(value: object) -> str:
-    """Return `value` as it would stand in a scene file, on one line of at most 60 characters."""
-    quoted = isinstance(value, str | bool)
-    text = json.dumps(value, ensure_ascii=False) if quoted else repr(value).replace("\n", " ")
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """Return ` (did you mean "x"?)` with the nearest of `known`, or all of them where none is near."""
-    choices = list(known)
-    near = difflib.get_close_matches(name, choices, n=1)
-    if near:
-        return f" (did you mean {show(near[0])}?)"
-    return f" (known: {', '.join(choices)})" if choices else " (none is defined)"
 
 
 def complaint(text: str, *place: str | int) -> PydanticCustomError:

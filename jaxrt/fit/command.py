@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -29,22 +28,6 @@ from jaxrt.scene import Scene, build
 from jaxrt.selectors import Selector, parse_selector
 
 DIGITS = 5
-
-
-def add_arguments(parser: argparse.ArgumentParser, count: Callable[[str], int], seed: Callable[[str], int]) -> None:
-    """Add the arguments of `jaxrt fit`; count and seed: converters of whole numbers."""
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML), with the values to start from")
-    parser.add_argument("target", type=Path, metavar="TARGET", help="the picture to match: .exr, or .png (linearised)")
-    parser.add_argument("--parameters", nargs="+", required=True, metavar="NAME[ROW]", help="what to recover")
-    parser.add_argument("-o", "--output", type=Path, help="folder of the results (SCENE's name with _fit)")
-    parser.add_argument("--spp", type=count, metavar="N", help="samples per pixel of the last stage")
-    parser.add_argument("--max-depth", type=count, metavar="D", help="scattering events along a path")
-    parser.add_argument("--max-steps", type=count, default=60, metavar="N", help="of the solver (60)")
-    parser.add_argument("--starts", type=count, default=1, metavar="N", help="starts to choose the best of (1)")
-    parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of the random numbers (0)")
-    parser.add_argument("--cores", type=count, metavar="N", help="CPU cores (all)")
-    parser.add_argument("--srgb", action="store_true", help="a PNG holds the sRGB curve, not gamma 2.2")
-    parser.add_argument("--resume", action="store_true", help="go on from the output folder's fit.json")
 
 
 def run_fit(args: argparse.Namespace) -> int:

@@ -1,0 +1,14 @@
+"""`jaxrt fit`."""
+
+import argparse
+
+from jaxrt.cli import start
+from jaxrt.cli.errors import refusing
+from jaxrt.cli.start import usable_cores
+from jaxrt.fit.command import run_fit
+
+
+def run(args: argparse.Namespace) -> int:
+    start.start_jax(args.cores or usable_cores())
+    with refusing():
+        return run_fit(args)
