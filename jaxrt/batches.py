@@ -5,17 +5,16 @@ from typing import Any
 
 import jax.numpy as jnp
 from jax import Array, lax
-from jax.interpreters import batching
 
 
 def one_by_one(
     operation: Callable[..., list[Array]], operands: Sequence[Array], dims: Sequence[Any]
 ) -> tuple[list[Array], list[int]]:
-    """Return operation(*operands) for each member of a batch, and along which axis: a rule for `batching`.
+    """Return operation(*operands) for each member of a batch, and along which axis: a rule for `internals.operation`.
 
-    dims: the axis of the batch in each operand, `not_mapped` where they share one.
+    dims: the axis of the batch in each operand, None where they share one.
     """
-    mapped = [dim is not batching.not_mapped for dim in dims]
+    mapped = [dim is not None for dim in dims]
     batch = [jnp.moveaxis(o, dim, 0) for o, dim, m in zip(operands, dims, mapped, strict=True) if m]
 
     def one(batch: list[Array]) -> list[Array]:

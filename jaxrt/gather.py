@@ -10,17 +10,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
-from jax.extend.core import Primitive
-from jax.interpreters import ad, batching, mlir
+
+from jaxrt.internals import Zero, operation
 
 
 def take(table: Array, i: Array) -> Array:
     """Return table[i], i being int32 in range, of any shape; differentiable in the table (n, …)."""
     # The one row that there is can be read without an index
     return table[0] if table.shape[0] == 1 and i.ndim == 0 else _take.bind(table, i)
-
-
-_take = Primitive("take")
 
 
 def _rows(table: Array, i: Array) -> Array:
@@ -39,39 +36,28 @@ def _add_rows(rows: Array, i: Array, *, n: int) -> Array:
     return lax.fori_loop(0, i.size, add, jnp.zeros((n, *cells), rows.dtype))
 
 
-_take.def_impl(_rows)
-mlir.register_lowering(_take, mlir.lower_fun(_rows, multiple_results=False))
-
-
-@_take.def_abstract_eval
 def _shape(table: Any, i: Any) -> Any:
     return table.update(shape=(*i.shape, *table.shape[1:]))
 
 
 def _differentiate(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Array, Any]:
     y, change = _take.bind(*primals), tangents[0]
-    if type(change) is ad.Zero:
-        return y, ad.Zero(jax.typeof(y).to_tangent_aval())
+    if type(change) is Zero:
+        return y, Zero(jax.typeof(y).to_tangent_aval())
     return y, _take.bind(change, primals[1])
 
 
-ad.primitive_jvps[_take] = _differentiate
-
-
 def _transpose(cotangent: Any, table: Any, i: Array) -> list[Any]:
-    if type(cotangent) is ad.Zero:
-        return [ad.Zero(table.aval), None]
+    if type(cotangent) is Zero:
+        return [Zero(table.aval), None]
     return [_add_rows(cotangent, i, n=table.aval.shape[0]), None]
-
-
-ad.primitive_transposes[_take] = _transpose
 
 
 def _batch(operands: Sequence[Array], dims: Sequence[Any]) -> tuple[Array, int]:
     (table, i), (table_dim, i_dim) = operands, dims
-    if table_dim is batching.not_mapped:
+    if table_dim is None:
         return _take.bind(table, jnp.moveaxis(i, i_dim, 0)), 0
-    if i_dim is batching.not_mapped:
+    if i_dim is None:
         return _take.bind(jnp.moveaxis(table, table_dim, -1), i), i.ndim + table.ndim - 2
     # All tables below one another
     table, i = jnp.moveaxis(table, table_dim, 0), jnp.moveaxis(i, i_dim, 0)
@@ -80,4 +66,4 @@ def _batch(operands: Sequence[Array], dims: Sequence[Any]) -> tuple[Array, int]:
     return _take.bind(table.reshape(many * n, *table.shape[2:]), i + first), 0
 
 
-batching.primitive_batchers[_take] = _batch
+_take = operation("take", _rows, _shape, _batch, _differentiate, _transpose, several=False)

@@ -7,7 +7,7 @@ the transpose of the other.
 
 import math
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,7 +25,7 @@ from jaxrt.film import (
     sample_packet,
     sum_packets,
 )
-from jaxrt.linear import Leaves, Pair, Shapes, apply_linear
+from jaxrt.linear import Leaves, Shapes, apply_linear
 from jaxrt.maths import kahan_add
 from jaxrt.native import one_mesh, program_on
 from jaxrt.path import Tables
@@ -67,60 +67,71 @@ def _draw_jvp(plan: Plan, primals: tuple[Tables, Run, Run], tangents: tuple[Any,
     attached = any(changes[i][0][-1].name not in _STILL for i in moved)
     constants, structure = jax.tree.flatten((tables, gradient_run))
     shapes = tuple(jax.ShapeDtypeStruct(constants[i].shape, constants[i].dtype) for i in moved)
-    pair = _pair(plan, structure, _size(tables), shapes, moved, attached)
+    pair = _Derivative(plan, structure, _size(tables), shapes, tuple(moved), attached)
     total = draw(tables, run, gradient_run, plan)
     share = (run.end - run.first) / (gradient_run.end - gradient_run.first)
     change = apply_linear(pair, constants, [changes[i][1] for i in moved], program_on(plan.devices))[0]
     return total, change * share.astype(total.dtype)
 
 
-def _pair(plan: Plan, structure: Any, size: tuple[int, int], shapes: Shapes, moved: list[int], attached: bool) -> Pair:
-    """Return the derivative of the sum in the leaves numbered `moved`, forwards and backwards."""
+class _Derivative(NamedTuple):
+    """The derivative of the sum of samples in some leaves of (tables, run): a `linear.Pair`."""
 
-    backwards = _backwards(plan, shapes)
+    plan: Plan
+    structure: Any  # of (tables, run)
+    size: tuple[int, int]
+    x: Shapes  # of the moved leaves
+    moved: tuple[int, ...]  # their numbers
+    attached: bool
 
-    def lanes(plan: Plan, constants: Leaves, sample: Array, packet: Array, values: Leaves) -> Array:
+    @property
+    def together(self) -> tuple[int, int]:
+        return TOGETHER
+
+    @property
+    def y(self) -> Shapes:
+        return (jax.ShapeDtypeStruct((self.size[1], self.size[0], 3), self.x[0].dtype),)
+
+    def forward(self, constants: Leaves, changes: Leaves) -> Leaves:
+        return [draw_packets(self._tangent, (constants, changes), self.size, self.plan)]
+
+    def transpose(self, constants: Leaves, picture: Leaves) -> Leaves:
+        plan = _backwards(self.plan, self.x)
+        nothing = [jnp.zeros(value.shape, value.dtype) for value in self.x]
+        operands = constants, packets_of(picture[0], plan)
+        return sum_packets(partial(self._cotangent, plan), operands, nothing, self.size, plan)
+
+    def _lanes(self, plan: Plan, constants: Leaves, sample: Array, packet: Array, values: Leaves) -> Array:
         """Return the packet's radiance, with new values of the moved leaves."""
         leaves = list(constants)
-        for i, value in zip(moved, values, strict=True):
+        for i, value in zip(self.moved, values, strict=True):
             leaves[i] = value
-        tables, run = jax.tree.unflatten(structure, leaves)
-        return sample_packet(plan, tables, run, sample, packet, attached)
+        tables, run = jax.tree.unflatten(self.structure, leaves)
+        return sample_packet(plan, tables, run, sample, packet, self.attached)
 
-    def tangent(operands: tuple[Leaves, Leaves], packet: Array) -> Array:
+    def _tangent(self, operands: tuple[Leaves, Leaves], packet: Array) -> Array:
         constants, changes = operands
-        values = [constants[i] for i in moved]
-        run: Run = jax.tree.unflatten(structure, constants)[1]
+        values = [constants[i] for i in self.moved]
+        run: Run = jax.tree.unflatten(self.structure, constants)[1]
 
         def add_sample(sample: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
-            one = partial(lanes, plan, constants, sample, packet)
+            one = partial(self._lanes, self.plan, constants, sample, packet)
             return kahan_add(*sums, jax.jvp(one, [values], [changes])[1])
 
-        nothing = jnp.zeros((plan.lanes, 3), values[0].dtype)
+        nothing = jnp.zeros((self.plan.lanes, 3), values[0].dtype)
         return lax.fori_loop(run.first, run.end, add_sample, (nothing, nothing))[0]
 
-    def cotangent(operands: tuple[Leaves, Array], packet: Array) -> Leaves:
+    def _cotangent(self, plan: Plan, operands: tuple[Leaves, Array], packet: Array) -> Leaves:
         constants, weights = operands
-        values = [constants[i] for i in moved]
-        run: Run = jax.tree.unflatten(structure, constants)[1]
+        values = [constants[i] for i in self.moved]
+        run: Run = jax.tree.unflatten(self.structure, constants)[1]
 
         def add_sample(sample: Array, sums: list[Leaves]) -> list[Leaves]:
-            _, pull = jax.vjp(partial(lanes, backwards, constants, sample, packet), values)
+            _, pull = jax.vjp(partial(self._lanes, plan, constants, sample, packet), values)
             return kahan_add_all(sums, pull(weights[packet])[0])
 
         nothing = [jnp.zeros_like(value) for value in values]
         return lax.fori_loop(run.first, run.end, add_sample, [nothing, nothing])[0]
-
-    def forward(constants: Leaves, changes: Leaves) -> Leaves:
-        return [draw_packets(tangent, (constants, changes), size, plan)]
-
-    def transpose(constants: Leaves, picture: Leaves) -> Leaves:
-        nothing = [jnp.zeros(value.shape, value.dtype) for value in shapes]
-        operands = constants, packets_of(picture[0], backwards)
-        return sum_packets(cotangent, operands, nothing, size, backwards)
-
-    picture = jax.ShapeDtypeStruct((size[1], size[0], 3), shapes[0].dtype)
-    return Pair(forward, transpose, shapes, (picture,), TOGETHER)
 
 
 def _backwards(plan: Plan, shapes: Shapes) -> Plan:

@@ -6,38 +6,96 @@ doing so. Here the transpose is a kernel of its own, and JAX is told that the tw
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
-from jax.extend.core import ClosedJaxpr, Primitive
-from jax.interpreters import ad, batching, mlir
+from jax.extend.core import ClosedJaxpr
 
 from jaxrt.batches import one_by_one
+from jaxrt.internals import ShapedArray, Zero, instantiate_zeros, is_undefined_primal, operation
 
 Leaves = list[Array]
 Shapes = tuple[jax.ShapeDtypeStruct, ...]
 
 
-class Pair(NamedTuple):
-    """A linear function and its transpose, of lists of arrays: f(constants, x) -> y, linear in x."""
+class Pair(Protocol):
+    """A linear function and its transpose, of lists of arrays: f(constants, x) -> y, linear in x.
 
-    forward: Callable[[Leaves, Leaves], Leaves]
-    transpose: Callable[[Leaves, Leaves], Leaves]
-    x: Shapes
-    y: Shapes
-    together: tuple[int, int]  # how many arguments of a batch share one evaluation, forward and transposed
+    Equal where it computes the same, so that what has been compiled for one is found again for the other.
+    """
 
-    def swapped(self) -> "Pair":
-        """Return the transpose with its own transpose."""
-        return Pair(self.transpose, self.forward, self.y, self.x, self.together[::-1])
+    @property
+    def x(self) -> Shapes:
+        """Shapes of the linear arguments."""
 
-    def of_many(self, n: int) -> "Pair":
-        """Return the function of n linear arguments at once."""
-        x, y = (tuple(jax.ShapeDtypeStruct((n, *one.shape), one.dtype) for one in side) for side in (self.x, self.y))
-        forward, transpose = map(_of_many, (self.forward, self.transpose), self.together)
-        return Pair(forward, transpose, x, y, self.together)
+    @property
+    def y(self) -> Shapes:
+        """Shapes of the results."""
+
+    @property
+    def together(self) -> tuple[int, int]:
+        """How many arguments of a batch share one evaluation, forward and transposed."""
+
+    def forward(self, constants: Leaves, x: Leaves) -> Leaves:
+        """Return y."""
+
+    def transpose(self, constants: Leaves, y: Leaves) -> Leaves:
+        """Return x."""
+
+
+class _Swapped(NamedTuple):
+    """The transpose with its own transpose."""
+
+    pair: Pair
+
+    @property
+    def x(self) -> Shapes:
+        return self.pair.y
+
+    @property
+    def y(self) -> Shapes:
+        return self.pair.x
+
+    @property
+    def together(self) -> tuple[int, int]:
+        return self.pair.together[::-1]
+
+    def forward(self, constants: Leaves, x: Leaves) -> Leaves:
+        return self.pair.transpose(constants, x)
+
+    def transpose(self, constants: Leaves, y: Leaves) -> Leaves:
+        return self.pair.forward(constants, y)
+
+
+class _Many(NamedTuple):
+    """The function of n linear arguments at once."""
+
+    pair: Pair
+    n: int
+
+    @property
+    def x(self) -> Shapes:
+        return _stacked(self.pair.x, self.n)
+
+    @property
+    def y(self) -> Shapes:
+        return _stacked(self.pair.y, self.n)
+
+    @property
+    def together(self) -> tuple[int, int]:
+        return self.pair.together
+
+    def forward(self, constants: Leaves, x: Leaves) -> Leaves:
+        return _in_groups(partial(self.pair.forward, constants), x, self.together[0])
+
+    def transpose(self, constants: Leaves, y: Leaves) -> Leaves:
+        return _in_groups(partial(self.pair.transpose, constants), y, self.together[1])
+
+
+def _stacked(shapes: Shapes, n: int) -> Shapes:
+    return tuple(jax.ShapeDtypeStruct((n, *one.shape), one.dtype) for one in shapes)
 
 
 def apply_linear(pair: Pair, constants: Sequence[Array], x: Sequence[Array], devices: ClosedJaxpr) -> Leaves:
@@ -50,21 +108,12 @@ def apply_linear(pair: Pair, constants: Sequence[Array], x: Sequence[Array], dev
     return _linear.bind(*constants, *x, pair=pair, n=len(constants), devices=devices)
 
 
-_linear = Primitive("linear_with_transpose")
-_linear.multiple_results = True
-
-
 def _evaluate(*operands: Array, pair: Pair, n: int, devices: ClosedJaxpr) -> Leaves:
     return pair.forward(list(operands[:n]), list(operands[n:]))
 
 
 def _result(*operands: Any, pair: Pair, n: int, devices: ClosedJaxpr) -> list[Any]:
-    return [jax.core.ShapedArray(y.shape, y.dtype) for y in pair.y]
-
-
-_linear.def_impl(lambda *operands, **params: jax.jit(partial(_evaluate, **params))(*operands))
-_linear.def_abstract_eval(_result)
-mlir.register_lowering(_linear, mlir.lower_fun(_evaluate, multiple_results=True))
+    return [ShapedArray(y.shape, y.dtype) for y in pair.y]
 
 
 def _differentiate(
@@ -72,10 +121,10 @@ def _differentiate(
 ) -> tuple[Leaves, Leaves]:
     y = _linear.bind(*primals, pair=pair, n=n, devices=devices)
     parts = []
-    if any(type(t) is not ad.Zero for t in tangents[n:]):
-        x = [ad.instantiate_zeros(t) for t in tangents[n:]]
+    if any(type(t) is not Zero for t in tangents[n:]):
+        x = [instantiate_zeros(t) for t in tangents[n:]]
         parts.append(_linear.bind(*primals[:n], *x, pair=pair, n=n, devices=devices))
-    moved = [i for i in range(n) if type(tangents[i]) is not ad.Zero]
+    moved = [i for i in range(n) if type(tangents[i]) is not Zero]
     if moved:
 
         def moved_constants(*values: Array) -> Leaves:
@@ -88,26 +137,24 @@ def _differentiate(
     return y, [sum(terms[1:], terms[0]) for terms in zip(*parts, strict=True)]
 
 
-ad.primitive_jvps[_linear] = _differentiate
-
-
 def _transpose(
     cotangents: Sequence[Any], *operands: Any, pair: Pair, n: int, devices: ClosedJaxpr
 ) -> list[Array | None]:
-    y = [ad.instantiate_zeros(ct) for ct in cotangents]
-    x = _linear.bind(*operands[:n], *y, pair=pair.swapped(), n=n, devices=devices)
-    wanted = [ad.is_undefined_primal(operand) for operand in operands[n:]]
+    y = [instantiate_zeros(ct) for ct in cotangents]
+    x = _linear.bind(*operands[:n], *y, pair=_swapped(pair), n=n, devices=devices)
+    wanted = [is_undefined_primal(operand) for operand in operands[n:]]
     none: list[Array | None] = [None] * n
     return none + [value if want else None for value, want in zip(x, wanted, strict=True)]
 
 
-ad.primitive_transposes[_linear] = _transpose
+def _swapped(pair: Pair) -> Pair:
+    return pair.pair if isinstance(pair, _Swapped) else _Swapped(pair)
 
 
 def _batch(
     operands: Sequence[Array], dims: Sequence[Any], *, pair: Pair, n: int, devices: ClosedJaxpr
 ) -> tuple[Leaves, list[int]]:
-    mapped = [d is not batching.not_mapped for d in dims]
+    mapped = [d is not None for d in dims]
     if any(mapped[:n]):
         # Other constants
         return one_by_one(partial(_linear.bind, pair=pair, n=n, devices=devices), operands, dims)
@@ -116,19 +163,23 @@ def _batch(
         jnp.moveaxis(o, d, 0) if m else jnp.broadcast_to(o, (size, *o.shape))
         for o, d, m in zip(operands[n:], dims[n:], mapped[n:], strict=True)
     ]
-    y = _linear.bind(*operands[:n], *x, pair=pair.of_many(size), n=n, devices=devices)
+    y = _linear.bind(*operands[:n], *x, pair=_Many(pair, size), n=n, devices=devices)
     return y, [0] * len(y)
 
 
-def _of_many(f: Callable[[Leaves, Leaves], Leaves], together: int) -> Callable[[Leaves, Leaves], Leaves]:
+def _in_groups(f: Callable[[Leaves], Leaves], x: Leaves, together: int) -> Leaves:
     """Return f for a batch of linear arguments, in groups of `together` that share the constants' work."""
-
-    def many(constants: Leaves, x: Leaves) -> Leaves:
-        if 1 < x[0].shape[0] <= together:
-            return jax.vmap(lambda x: f(constants, x))(x)
-        return lax.map(lambda x: f(constants, x), x, batch_size=together if together > 1 else None)
-
-    return many
+    if 1 < x[0].shape[0] <= together:
+        return jax.vmap(f)(x)
+    return lax.map(f, x, batch_size=together if together > 1 else None)
 
 
-batching.primitive_batchers[_linear] = _batch
+_linear = operation(
+    "linear_with_transpose",
+    _evaluate,
+    _result,
+    _batch,
+    _differentiate,
+    _transpose,
+    eager=jax.jit(_evaluate, static_argnames=("pair", "n", "devices")),
+)

@@ -10,7 +10,7 @@ This file knows nothing of rendering.
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from contextvars import ContextVar
-from functools import partial
+from functools import cache, partial
 from typing import Any, TypeVar
 
 import jax
@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend.core import ClosedJaxpr
-from jax.sharding import Mesh, PartitionSpec, get_abstract_mesh, use_abstract_mesh
+from jax.sharding import Mesh, NamedSharding, PartitionSpec, get_abstract_mesh, use_abstract_mesh
 
 LARGE = 100_000  # numbers: a leaf of more is not worth copying to join it with others
 
@@ -91,9 +91,32 @@ def on_devices(
     return f(operands, packets) if n == 1 else _spread(f, devices)(operands, packets)
 
 
+@cache
 def program_on(devices: tuple[jax.Device, ...]) -> ClosedJaxpr:
-    """Return a program that does nothing on these devices."""
-    return jax.make_jaxpr(_spread(lambda _, packets: packets, devices))(0, jnp.zeros(len(devices)))
+    """Return a program that does nothing on these devices; one alone is where the arguments are."""
+    nothing = (lambda _, packets: packets) if len(devices) == 1 else _spread(lambda _, packets: packets, devices)
+    return jax.make_jaxpr(nothing)(0, jnp.zeros(len(devices)))
+
+
+def default_devices() -> tuple[jax.Device, ...]:
+    """Return all devices of JAX's default backend, or the one that `jax.default_device` names."""
+    chosen = jax.config.values["jax_default_device"]
+    if isinstance(chosen, jax.Device):
+        return (chosen,)
+    return tuple(jax.devices(chosen))
+
+
+def everywhere(tree: Operands, devices: tuple[jax.Device, ...]) -> Operands:
+    """Return the tree with its arrays on each of the devices.
+
+    The results of a program on several are on each of them: going in again, they need no other program.
+    """
+    where = devices[0] if len(devices) == 1 else NamedSharding(_mesh(devices), PartitionSpec())
+    return jax.device_put(tree, where)
+
+
+def _mesh(devices: tuple[jax.Device, ...]) -> Mesh:
+    return Mesh(devices, ("packets",))
 
 
 def _spread(
@@ -101,9 +124,8 @@ def _spread(
 ) -> Callable[[Operands, Array], Result]:
     """Return f for each device's row of its second argument."""
     spread, everywhere = PartitionSpec("packets"), PartitionSpec()
-    mesh = Mesh(devices, ("packets",))
     # Unchecked: the check wants every loop's start value marked as differing between devices
-    return jax.shard_map(f, mesh=mesh, in_specs=(everywhere, spread), out_specs=spread, check_vma=False)
+    return jax.shard_map(f, mesh=_mesh(devices), in_specs=(everywhere, spread), out_specs=spread, check_vma=False)
 
 
 def one_mesh() -> AbstractContextManager[None]:

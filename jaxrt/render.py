@@ -15,6 +15,7 @@ from jaxrt.description import RenderDefaults, nearest
 from jaxrt.edges import moving_edges
 from jaxrt.film import Plan, Run
 from jaxrt.interior import draw
+from jaxrt.native import default_devices, everywhere
 from jaxrt.path import tables_of
 from jaxrt.samplers import SAMPLERS, seed_from_key
 from jaxrt.scene import Scene
@@ -55,7 +56,8 @@ def render(
     key: an int or a `jax.random.key`. spp: samples per pixel; max_depth: scattering events along a path; both default
     to the scene's own. sampler: "sobol", "stratified" or "independent". unroll: compile each event apart, instead of
     one event in a loop. tile: width and height of a packet in pixels. devices: those to use, by default all of JAX's
-    default backend. The picture depends on none of the last three. Memory does not grow with spp.
+    default backend, or those on which the scene was put; under jit, one device alone is where the arguments are. The
+    picture depends on none of the last three. Memory does not grow with spp.
 
     Pure: works under jit, vmap, jvp, vjp, jacfwd, jacrev and hessian. boundary_samples: 0 gives interior derivatives
     only, which lack what moving visibility edges add; n leaves the picture unchanged to the bit and adds the edge terms
@@ -121,11 +123,23 @@ def prepare(
     max_depth = _count("max_depth", scene.defaults.max_depth if max_depth is None else max_depth)
     if sampler not in SAMPLERS:
         raise ValueError(f"render: unknown sampler {sampler!r}{nearest(sampler, SAMPLERS)}")
-    devices = tuple(jax.devices() if devices is None else devices)
+    scene, devices = _placed(scene, devices)
     tile = tile or (CPU_TILE if devices[0].platform == "cpu" else WIDE_TILE)
     run = Run(seed_from_key(key), jnp.int32(first), jnp.int32(first) + jnp.int32(count), jnp.int32(spp))
     # The defaults are spent: scenes that differ in them alone share a program
     return replace(scene, defaults=RenderDefaults()), run, Plan(max_depth, sampler, unroll, tile, devices)
+
+
+def _placed(scene: Scene, devices: Sequence[jax.Device] | None) -> tuple[Scene, tuple[jax.Device, ...]]:
+    """Return the scene on the devices that are to draw it, and these: by default those where it was put."""
+    leaves = jax.tree.leaves(scene)
+    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
+    here = {d for x in leaves if isinstance(x, jax.Array) and not traced and x.committed for d in x.devices()}
+    wanted = tuple(devices or sorted(here, key=lambda device: device.id) or default_devices())
+    # A traced scene is where its arguments are
+    if traced or set(wanted) == (here or set(default_devices())):
+        return scene, wanted
+    return everywhere(scene, wanted), wanted
 
 
 @partial(jax.jit, static_argnames="plan")

@@ -24,6 +24,7 @@ from jaxrt.description import (
 from jaxrt.lights import Lights
 from jaxrt.materials import Diffuse, Glass, Materials, Mirror
 from jaxrt.mesh_facts import weld
+from jaxrt.native import default_devices, everywhere
 from jaxrt.pytree import pytree, static
 from jaxrt.shapes import Spheres, Triangles, topology_of
 
@@ -57,7 +58,7 @@ def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = 
     origin = _origin(description)
     materials, rows, order = _materials(description, dtype)
     environment = description.environment
-    return Scene(
+    scene = Scene(
         camera=_camera(description.camera, origin, dtype),
         spheres=_spheres(description, rows, origin, dtype),
         triangles=_triangles(description, rows, origin, dtype),
@@ -68,6 +69,8 @@ def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = 
         origin=tuple(origin.tolist()),
         defaults=description.render,
     )
+    devices = default_devices()
+    return scene if len(devices) == 1 else everywhere(scene, devices)
 
 
 def _origin(scene: SceneDescription) -> np.ndarray:

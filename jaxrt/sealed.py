@@ -10,10 +10,10 @@ from typing import Any, TypeVar
 
 import jax
 from jax import Array, lax
-from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
-from jax.interpreters import batching, mlir
+from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
 from jaxrt.batches import one_by_one
+from jaxrt.internals import operation
 
 Result = TypeVar("Result")
 
@@ -26,21 +26,16 @@ def sealed(f: Callable[..., Result], *operands: Any) -> Result:
     return jax.tree.unflatten(jax.tree.structure(result), values)
 
 
-_sealed = Primitive("sealed")
-_sealed.multiple_results = True
-
-
 def _evaluate(*operands: Array, program: ClosedJaxpr) -> list[Array]:
     return jaxpr_as_fun(program)(*operands)
 
 
-_sealed.def_impl(_evaluate)
-_sealed.def_abstract_eval(lambda *operands, program: list(program.out_avals))
-mlir.register_lowering(_sealed, mlir.lower_fun(_evaluate, multiple_results=True))
+def _result(*operands: Any, program: ClosedJaxpr) -> list[Any]:
+    return list(program.out_avals)
 
 
 def _batch(operands: Sequence[Array], dims: Sequence[Any], *, program: ClosedJaxpr) -> tuple[list[Array], list[int]]:
     return one_by_one(partial(_sealed.bind, program=program), operands, dims)
 
 
-batching.primitive_batchers[_sealed] = _batch
+_sealed = operation("sealed", _evaluate, _result, _batch)

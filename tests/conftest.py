@@ -9,6 +9,8 @@ pytest_plugins = ["tests.stability.report"]
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jaxrt.use_cpu_cores(2)
+# Two devices for the tests that name them; on one, two test processes share two cores without waiting for each other
+jax.config.update("jax_default_device", jax.devices()[0])
 
 
 @pytest.fixture(scope="session")

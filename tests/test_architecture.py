@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 LAYERS = [
-    {"messages", "pytree", "native", "batches", "linear", "sealed", "gather", "jacobian", "writing"},
+    {"messages", "internals", "pytree", "native", "batches", "linear", "sealed", "gather", "jacobian", "writing"},
     {"maths", "sampling", "samplers", "color", "description", "mesh_facts"},
     {"records", "checks"},
     {"shapes"},

@@ -153,7 +153,7 @@ def test_vmap_of_pictures_and_of_gradients():
 def test_devices_do_not_matter():
     """Gradients on two devices are those on one, to the rounding of their sums, 1e-6."""
     assert len(jax.devices()) == 2
-    gradient = jax.jit(jax.grad(lambda x: ball_picture(x, devices=None).sum()))(chosen())
+    gradient = jax.jit(jax.grad(lambda x: ball_picture(x, devices=jax.devices()).sum()))(chosen())
     for name, value in ball_program(2)(chosen(), jnp.uint32(0))[1].items():
         np.testing.assert_allclose(gradient[name], value, rtol=1e-6, atol=1e-5)
 

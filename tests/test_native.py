@@ -102,7 +102,11 @@ def test_a_render_is_one_native_kernel(room: jaxrt.Scene, unroll: bool) -> None:
 
 def test_each_device_runs_one_native_kernel(room: jaxrt.Scene) -> None:
     assert len(jax.devices()) == 2
-    text = jax.jit(lambda scene: jaxrt.render(scene, 0, spp=2, max_depth=2)).lower(room).compile().as_text()
+
+    def draw(scene: jaxrt.Scene) -> Array:
+        return jaxrt.render(scene, 0, spp=2, max_depth=2, devices=jax.devices())
+
+    text = jax.jit(draw).lower(room).compile().as_text()
     assert sum(TAG in line for line in entry(text).splitlines() if " call(" in line) == 1
     assert re.search(r"num_partitions=2", text)
 

@@ -58,7 +58,7 @@ def test_wide_packets_do_not_matter(small_room: jaxrt.Scene, picture: NDArray[np
 
 def test_devices_do_not_matter(small_room: jaxrt.Scene, picture: NDArray[np.float32]) -> None:
     assert len(jax.devices()) == 2
-    same_but_for_flips(draw(small_room, devices=jax.devices()[:1]), picture)
+    same_but_for_flips(draw(small_room, devices=jax.devices()), picture)
 
 
 def test_unrolling_does_not_matter(small_room: jaxrt.Scene, picture: NDArray[np.float32]) -> None:
