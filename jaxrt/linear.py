@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
-from jax.extend.core import ClosedJaxpr
+from jax.extend.core import ClosedJaxpr, Primitive
 
 from jaxrt.batches import one_by_one
 from jaxrt.internals import ShapedArray, Zero, instantiate_zeros, is_undefined_primal, operation
@@ -133,7 +133,8 @@ def _differentiate(
                 constants[i] = value
             return pair.forward(constants, list(primals[n:]))
 
-        parts.append(jax.jvp(moved_constants, [primals[i] for i in moved], [tangents[i] for i in moved])[1])
+        change = jax.jvp(moved_constants, [primals[i] for i in moved], [tangents[i] for i in moved])[1]
+        parts.append(_forwards.bind(*change))
     return y, [sum(terms[1:], terms[0]) for terms in zip(*parts, strict=True)]
 
 
@@ -174,7 +175,29 @@ def _in_groups(f: Callable[[Leaves], Leaves], x: Leaves, together: int) -> Leave
     return lax.map(f, x, batch_size=together if together > 1 else None)
 
 
-_linear = operation(
+def _refuse(*_: Any) -> Sequence[Any]:
+    raise ValueError(
+        "render: second derivatives are taken forwards only: write jax.hessian(f) or jax.jacfwd(jax.grad(f)), not "
+        "jax.grad or jax.jacrev of a derivative"
+    )
+
+
+def _keep(*operands: Array) -> Leaves:
+    return list(operands)
+
+
+def _keep_batch(operands: Sequence[Array], dims: Sequence[Any]) -> tuple[Leaves, Sequence[Any]]:
+    return _forwards.bind(*operands), dims
+
+
+def _keep_differentiate(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Leaves, Leaves]:
+    return _forwards.bind(*primals), _forwards.bind(*map(instantiate_zeros, tangents))
+
+
+# What has no transpose, said in words: JAX would name a loop that the caller has not written
+_forwards: Primitive = operation("forwards", _keep, _keep, _keep_batch, _keep_differentiate, _refuse)
+
+_linear: Primitive = operation(
     "linear_with_transpose",
     _evaluate,
     _result,

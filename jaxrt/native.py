@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
 from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend.core import ClosedJaxpr
@@ -24,6 +25,22 @@ LARGE = 100_000  # numbers: a leaf of more is not worth copying to join it with 
 
 Operands = TypeVar("Operands")
 Result = TypeVar("Result")
+
+
+@jax.custom_jvp
+def as_operand(tree: Operands) -> Operands:
+    """Return the tree as if it were an argument of the program, though it is a constant of it.
+
+    XLA computes whatever depends on constants alone while it compiles, with an interpreter: for the tables of a mesh
+    that takes longer than to compile everything else.
+    """
+    kept: Operands = lax.optimization_barrier(tree)
+    return kept
+
+
+@partial(as_operand.defjvp, symbolic_zeros=True)
+def _as_operand_jvp(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
+    return as_operand(*primals), tangents[0]
 
 
 def map_packets(
@@ -99,8 +116,13 @@ def program_on(devices: tuple[jax.Device, ...]) -> ClosedJaxpr:
 
 
 def default_devices() -> tuple[jax.Device, ...]:
-    """Return all devices of JAX's default backend, or the one that `jax.default_device` names."""
+    """Return all devices of JAX's default backend, or the one that `jax.default_device` names.
+
+    Inside of `shard_map` and `pmap`, which have spread the work already, one: it stands for each.
+    """
     chosen = jax.config.values["jax_default_device"]
+    if get_abstract_mesh().manual_axes:
+        return tuple(jax.devices()[:1])
     if isinstance(chosen, jax.Device):
         return (chosen,)
     return tuple(jax.devices(chosen))
@@ -113,6 +135,16 @@ def everywhere(tree: Operands, devices: tuple[jax.Device, ...]) -> Operands:
     """
     where = devices[0] if len(devices) == 1 else NamedSharding(_mesh(devices), PartitionSpec())
     return jax.device_put(tree, where)
+
+
+def local(tree: Operands) -> Operands:
+    """Return the tree as one device sees it inside of `shard_map` and `pmap`, where what lies on many is no operand."""
+    if not get_abstract_mesh().manual_axes:
+        return tree
+    if any(getattr(jax.typeof(leaf), "vma", None) for leaf in jax.tree.leaves(tree)):
+        raise ValueError("render: loops start from constants, which shard_map takes for an error: pass check_vma=False")
+    spread = jax.tree.map(lambda x: isinstance(x, jax.Array) and not isinstance(x, jax.core.Tracer), tree)
+    return jax.tree.map(lambda x, is_spread: jnp.asarray(np.asarray(x)) if is_spread else x, tree, spread)
 
 
 def _mesh(devices: tuple[jax.Device, ...]) -> Mesh:

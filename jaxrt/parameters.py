@@ -6,12 +6,13 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
+from jax import Array, lax
 from jax.typing import ArrayLike
 
 from jaxrt.description import SceneError, nearest
-from jaxrt.materials import Materials
-from jaxrt.scene import Scene
+from jaxrt.materials import Diffuse, Glass, Materials, Mirror
+from jaxrt.native import local
+from jaxrt.scene import Idle, Scene, require_scene
 from jaxrt.shapes.sphere import exact_power
 
 _PLACES = {"lights.position", "spheres.center", "meshes.vertices", "camera.position", "camera.target"}
@@ -25,17 +26,16 @@ def parameters(scene: Scene) -> dict[str, Array]:
     (3,), camera.target (3,), camera.fov () in degrees, environment.radiance (3,). Only what the scene has is there:
     no `lights.radius` where every light is a point.
     """
+    require_scene(scene, "parameters")
+    scene = local(scene)
     p: dict[str, Array] = {}
     if scene.lights is not None:
         p |= {"lights.position": scene.lights.position, "lights.intensity": scene.lights.intensity}
         if scene.lights.radius is not None:
             p["lights.radius"] = scene.lights.radius
-    if scene.albedo_order.size:
-        kinds = (scene.materials.diffuse, scene.materials.mirror)
-        albedo = jnp.concatenate([kind.albedo for kind in kinds if kind is not None])
-        p["materials.albedo"] = albedo[scene.albedo_order]
-    if scene.materials.glass is not None:
-        p["materials.ior"] = scene.materials.glass.ior
+    for name, (order, parts) in _listed(scene).items():
+        if order is not None and order.size:
+            p[name] = jnp.concatenate([part for part in parts if part is not None])[order]
     if scene.spheres is not None:
         p |= {"spheres.center": scene.spheres.center, "spheres.radius": scene.spheres.radius}
     if scene.triangles is not None:
@@ -52,6 +52,8 @@ def with_parameters(scene: Scene, changes: Mapping[str, ArrayLike]) -> Scene:
 
     Values are not checked for range: they may be tracers. Raises SceneError for unknown names and wrong shapes.
     """
+    require_scene(scene, "with_parameters")
+    scene = local(scene)
     old = parameters(scene)
     for name, value in changes.items():
         if name not in old:
@@ -65,8 +67,17 @@ def with_parameters(scene: Scene, changes: Mapping[str, ArrayLike]) -> Scene:
 
 def _shift(scene: Scene, name: str, value: Array) -> Array:
     """Return the origin for each row of a parameter that is a place, else 0."""
-    origin = jnp.asarray(scene.origin, value.dtype)
-    return jnp.broadcast_to(origin, value.shape) if name in _PLACES else jnp.zeros_like(value)
+    if scene.origin is None or name not in _PLACES:
+        return jnp.zeros_like(value)
+    return jnp.broadcast_to(lax.stop_gradient(scene.origin), value.shape)
+
+
+def _listed(scene: Scene) -> dict[str, tuple[Array | None, list[Array | None]]]:
+    """Return for each parameter of materials its order in the scene file, and the parts that it is listed from."""
+    materials, idle = scene.materials, scene.idle
+    albedos = [None if kind is None else kind.albedo for kind in (materials.diffuse, materials.mirror, idle)]
+    iors = [None if kind is None else kind.ior for kind in (materials.glass, idle)]
+    return {"materials.albedo": (scene.albedo_order, albedos), "materials.ior": (scene.ior_order, iors)}
 
 
 def _fields(new: Mapping[str, Array], owner: str) -> dict[str, Any]:
@@ -86,26 +97,32 @@ def _assign(scene: Scene, new: Mapping[str, Array]) -> Scene:
         spheres = replace(spheres, power=exact_power(spheres.center, spheres.radius) + lost)
     if triangles is not None:
         triangles = replace(triangles, **_fields(new, "meshes"))
+    materials, idle = _with_materials(scene, new)
     return replace(
         scene,
         camera=replace(scene.camera, **_fields(new, "camera")),
         lights=lights,
         spheres=spheres,
         triangles=triangles,
-        materials=_with_materials(scene, new),
+        materials=materials,
+        idle=idle,
         environment=new.get("environment.radiance", scene.environment),
     )
 
 
-def _with_materials(scene: Scene, new: Mapping[str, Array]) -> Materials:
-    materials = scene.materials
-    if "materials.albedo" in new:
-        albedo = new["materials.albedo"][jnp.argsort(scene.albedo_order)]
-        a = materials.counts[0]
-        if materials.diffuse is not None:
-            materials = replace(materials, diffuse=replace(materials.diffuse, albedo=albedo[:a]))
-        if materials.mirror is not None:
-            materials = replace(materials, mirror=replace(materials.mirror, albedo=albedo[a:]))
-    if "materials.ior" in new and materials.glass is not None:
-        materials = replace(materials, glass=replace(materials.glass, ior=new["materials.ior"]))
-    return materials
+def _with_materials(scene: Scene, new: Mapping[str, Array]) -> tuple[Materials, Idle | None]:
+    parts = {}
+    for name, (order, old) in _listed(scene).items():
+        if name in new and order is not None:
+            ends = np.cumsum([0 if part is None else len(part) for part in old])
+            rows = new[name][jnp.argsort(order)]
+            parts[name] = [None if x is None else rows[end - len(x) : end] for x, end in zip(old, ends, strict=True)]
+        else:
+            parts[name] = old
+    (diffuse, mirror, idle), (glass, spare) = parts.values()
+    materials = Materials(
+        None if diffuse is None else Diffuse(diffuse),
+        None if mirror is None else Mirror(mirror),
+        None if glass is None else Glass(glass),
+    )
+    return materials, None if scene.idle is None else Idle(idle, spare)

@@ -1,7 +1,7 @@
 """From a scene to a picture."""
 
+import operator
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from typing import TypedDict, Unpack
 
@@ -11,14 +11,14 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxrt import boundary
-from jaxrt.description import RenderDefaults, nearest
 from jaxrt.edges import moving_edges
 from jaxrt.film import Plan, Run
 from jaxrt.interior import draw
-from jaxrt.native import default_devices, everywhere
+from jaxrt.messages import nearest, show
+from jaxrt.native import as_operand, default_devices, everywhere, local
 from jaxrt.path import tables_of
 from jaxrt.samplers import SAMPLERS, seed_from_key
-from jaxrt.scene import Scene
+from jaxrt.scene import Scene, drawn, require_scene
 
 CPU_TILE = (16, 8)  # pixels of a packet on a CPU: its values stay in the first-level cache
 WIDE_TILE = (512, 128)  # on accelerators, which want many lanes at once
@@ -63,8 +63,10 @@ def render(
     only, which lack what moving visibility edges add; n leaves the picture unchanged to the bit and adds the edge terms
     from n samples, about 4 a pixel (second derivatives then raise ValueError). gradient_key and gradient_spp: the
     random numbers of derivatives and how many samples a pixel they take. By default those of the picture; with another
-    key, gradients of losses are unbiased. Raises ValueError for an unknown sampler and for counts out of range.
+    key, gradients of losses are unbiased. Raises TypeError for what is no scene, and ValueError for an unknown sampler
+    and for counts that are out of range or traced.
     """
+    require_scene(scene, "render")
     spp = _count("spp", scene.defaults.spp if spp is None else spp)
     gradient_spp = _count("gradient_spp", spp if gradient_spp is None else gradient_spp)
     _count("boundary_samples", boundary_samples, least=0)
@@ -80,9 +82,17 @@ def render(
 
 
 def _count(name: str, value: int, least: int = 1) -> int:
-    if value < least:
-        raise ValueError(f"render: {name} is {value}, want at least {least}")
-    return value
+    if isinstance(value, jax.core.Tracer):
+        raise ValueError(
+            f"render: {name} is traced, but the program depends on it: pass a number, or jit over the rest"
+        )
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise ValueError(f"render: {name} is {show(value)}, want a whole number") from None
+    if number < least:
+        raise ValueError(f"render: {name} is {number}, want at least {least}")
+    return number
 
 
 class Options(TypedDict, total=False):
@@ -120,22 +130,31 @@ def prepare(
     devices: Sequence[jax.Device] | None = None,
 ) -> tuple[Scene, Run, Plan]:
     """Return the arguments of `draw_sum` from those of `render_sum`, checked."""
+    require_scene(scene, "render")
     max_depth = _count("max_depth", scene.defaults.max_depth if max_depth is None else max_depth)
     if sampler not in SAMPLERS:
-        raise ValueError(f"render: unknown sampler {sampler!r}{nearest(sampler, SAMPLERS)}")
+        raise ValueError(f"render: unknown sampler {sampler!r}{nearest(str(sampler), SAMPLERS)}")
     scene, devices = _placed(scene, devices)
-    tile = tile or (CPU_TILE if devices[0].platform == "cpu" else WIDE_TILE)
+    tile = _tile(tile) if tile else (CPU_TILE if devices[0].platform == "cpu" else WIDE_TILE)
     run = Run(seed_from_key(key), jnp.int32(first), jnp.int32(first) + jnp.int32(count), jnp.int32(spp))
-    # The defaults are spent: scenes that differ in them alone share a program
-    return replace(scene, defaults=RenderDefaults()), run, Plan(max_depth, sampler, unroll, tile, devices)
+    return drawn(scene), run, Plan(max_depth, sampler, unroll, tile, devices)
+
+
+def _tile(tile: tuple[int, int]) -> tuple[int, int]:
+    if len(tile) != 2:
+        raise ValueError(f"render: tile is {show(tile)}, want width and height")
+    return _count("width of tile", tile[0]), _count("height of tile", tile[1])
 
 
 def _placed(scene: Scene, devices: Sequence[jax.Device] | None) -> tuple[Scene, tuple[jax.Device, ...]]:
     """Return the scene on the devices that are to draw it, and these: by default those where it was put."""
+    scene = local(scene)
     leaves = jax.tree.leaves(scene)
     traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
     here = {d for x in leaves if isinstance(x, jax.Array) and not traced and x.committed for d in x.devices()}
     wanted = tuple(devices or sorted(here, key=lambda device: device.id) or default_devices())
+    if not all(isinstance(device, jax.Device) for device in wanted):
+        raise ValueError(f"render: devices is {show(devices)}, want some of jax.devices()")
     # A traced scene is where its arguments are
     if traced or set(wanted) == (here or set(default_devices())):
         return scene, wanted
@@ -145,4 +164,4 @@ def _placed(scene: Scene, devices: Sequence[jax.Device] | None) -> tuple[Scene, 
 @partial(jax.jit, static_argnames="plan")
 def draw_sum(scene: Scene, run: Run, plan: Plan, gradient_run: Run | None = None) -> Array:
     """Return the sum of the samples of `run`; derivatives use those of `gradient_run`, by default the same."""
-    return draw(tables_of(scene), run, run if gradient_run is None else gradient_run, plan)
+    return draw(tables_of(as_operand(scene)), run, run if gradient_run is None else gradient_run, plan)

@@ -5,7 +5,9 @@
 
 import warnings
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import replace
+from os import PathLike
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +18,7 @@ from jaxrt.camera import Camera
 from jaxrt.checks import check_memory, warnings_of
 from jaxrt.description import (
     CameraDescription,
+    MaterialDescription,
     RenderDefaults,
     SceneDescription,
     SceneWarning,
@@ -24,9 +27,10 @@ from jaxrt.description import (
 from jaxrt.lights import Lights
 from jaxrt.materials import Diffuse, Glass, Materials, Mirror
 from jaxrt.mesh_facts import weld
+from jaxrt.messages import show
 from jaxrt.native import default_devices, everywhere
 from jaxrt.pytree import pytree, static
-from jaxrt.shapes import Spheres, Triangles, topology_of
+from jaxrt.shapes import Spheres, Triangles, mesh_edges, topology_of
 
 
 @pytree
@@ -39,9 +43,32 @@ class Scene:
     materials: Materials
     lights: Lights | None
     environment: Array | None  # (3,) radiance W·sr⁻¹·m⁻² from every direction
-    albedo_order: Array  # (m,) int32 row among (diffuse, then mirror) of each albedo in the order of the scene file
-    origin: tuple[float, float, float] = static()  # user's coordinates of this scene's origin
+    idle: "Idle | None"
+    albedo_order: Array | None  # (m,) int32 row among (diffuse, mirror, idle) of each albedo in the scene file's order
+    ior_order: Array | None  # (g,) int32 row among (glass, idle) of each ior
+    origin: Array | None  # (3,) user's coordinates of this scene's origin; None: the same
     defaults: RenderDefaults = static()  # what `render` uses for spp and max_depth when not told
+
+
+@pytree
+class Idle:
+    """The parameters of materials that nothing is made of: they have their rows, and no effect."""
+
+    albedo: Array | None  # (k, 3)
+    ior: Array | None  # (k,)
+
+
+def require_scene(scene: object, caller: str) -> None:
+    """Raise TypeError where something else stands in a scene's place, such as the path of its file."""
+    if isinstance(scene, Scene):
+        return
+    remedy = "jaxrt.load_scene reads a file" if isinstance(scene, str | PathLike) else "jaxrt.build makes one of tables"
+    raise TypeError(f"{caller}: {show(scene)} is no scene: {remedy}")
+
+
+def drawn(scene: Scene) -> Scene:
+    """Return what a picture depends on: scenes that differ in the rest share a program."""
+    return replace(scene, idle=None, albedo_order=None, ior_order=None, origin=None, defaults=RenderDefaults())
 
 
 def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = jnp.float32) -> Scene:
@@ -56,17 +83,19 @@ def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = 
     for message in warnings_of(description):
         warnings.warn(message, SceneWarning, stacklevel=2)
     origin = _origin(description)
-    materials, rows, order = _materials(description, dtype)
+    listed = _listed(description, dtype)
     environment = description.environment
     scene = Scene(
         camera=_camera(description.camera, origin, dtype),
-        spheres=_spheres(description, rows, origin, dtype),
-        triangles=_triangles(description, rows, origin, dtype),
-        materials=materials,
+        spheres=_spheres(description, listed.rows, origin, dtype),
+        triangles=_triangles(description, listed.rows, origin, dtype),
+        materials=listed.materials,
         lights=_lights(description, origin, dtype),
         environment=None if environment is None else jnp.asarray(environment.radiance, dtype),
-        albedo_order=jnp.asarray(order, jnp.int32),
-        origin=tuple(origin.tolist()),
+        idle=listed.idle,
+        albedo_order=listed.albedo_order,
+        ior_order=listed.ior_order,
+        origin=jnp.asarray(origin, dtype) if origin.any() else None,
         defaults=description.render,
     )
     devices = default_devices()
@@ -101,24 +130,48 @@ def _camera(camera: CameraDescription, origin: np.ndarray, dtype: DTypeLike) -> 
     )
 
 
-def _materials(scene: SceneDescription, dtype: DTypeLike) -> tuple[Materials, dict[str, int], list[int]]:
-    """Return the materials by kind, the row of each name, and the row of each albedo in file order."""
-    kinds: dict[str, list[str]] = {"diffuse": [], "mirror": [], "glass": []}
-    for name, material in scene.materials.items():
-        kinds[material.type].append(name)
-    rows = {name: row for row, name in enumerate(name for names in kinds.values() for name in names)}
+class _Listed(NamedTuple):
+    """The materials by kind; the row that shapes have of each name; and what `parameters` lists, in file order."""
 
-    def values(kind: str, field: str) -> Array | None:
-        picked = [getattr(scene.materials[name], field) for name in kinds[kind]]
+    materials: Materials
+    rows: dict[str, int]
+    idle: Idle
+    albedo_order: Array
+    ior_order: Array
+
+
+def _listed(scene: SceneDescription, dtype: DTypeLike) -> _Listed:
+    used = scene.used
+    kinds: dict[str, list[str]] = {"diffuse": [], "mirror": [], "glass": []}
+    spare: dict[str, list[str]] = {"albedo": [], "ior": []}
+    for name, material in scene.materials.items():
+        (kinds[material.type] if name in used else spare[_field(material)]).append(name)
+
+    def values(names: list[str]) -> Array | None:
+        picked = [getattr(scene.materials[name], _field(scene.materials[name])) for name in names]
         return jnp.asarray(picked, dtype) if picked else None
 
-    diffuse, mirror, ior = values("diffuse", "albedo"), values("mirror", "albedo"), values("glass", "ior")
+    def order(field: str, listed: list[str]) -> Array:
+        names = [name for name, material in scene.materials.items() if _field(material) == field]
+        return jnp.asarray([listed.index(name) for name in names], jnp.int32)
+
+    diffuse, mirror, ior = (values(names) for names in kinds.values())
     materials = Materials(
         None if diffuse is None else Diffuse(diffuse),
         None if mirror is None else Mirror(mirror),
         None if ior is None else Glass(ior),
     )
-    return materials, rows, [rows[name] for name, m in scene.materials.items() if m.type != "glass"]
+    return _Listed(
+        materials,
+        {name: row for row, name in enumerate(name for names in kinds.values() for name in names)},
+        Idle(values(spare["albedo"]), values(spare["ior"])),
+        order("albedo", [*kinds["diffuse"], *kinds["mirror"], *spare["albedo"]]),
+        order("ior", [*kinds["glass"], *spare["ior"]]),
+    )
+
+
+def _field(material: MaterialDescription) -> str:
+    return "ior" if material.type == "glass" else "albedo"
 
 
 def _spheres(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, dtype: DTypeLike) -> Spheres | None:
@@ -149,6 +202,7 @@ def _triangles(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray
         jnp.asarray(indices, jnp.int32),
         jnp.asarray(np.concatenate(material), jnp.int32),
         topology_of(corners, indices),
+        mesh_edges(corners.astype(dtype), indices),
         _smooth(scene, corners, indices),
     )
 

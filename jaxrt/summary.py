@@ -51,7 +51,7 @@ def print_summary(
 
 def features(description: SceneDescription) -> tuple[list[str], list[str]]:
     """Return the features that are compiled for this scene, and those that it lacks and that are left out."""
-    types = {material.type for material in description.materials.values()}
+    types = {description.materials[name].type for name in description.used}
     radii = [light.radius for light in description.lights]
     there = {
         "spheres": bool(description.spheres),

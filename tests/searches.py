@@ -10,7 +10,8 @@ from jax import lax
 
 from jaxrt.native import map_packets
 from jaxrt.records import Ray
-from jaxrt.shapes import Topology, topology_of
+from jaxrt.shapes import Topology
+from jaxrt.shapes.bvh import exact_topology
 from jaxrt.shapes.triangle import Triangles, find_triangle, occluded_by_triangle, triangle_table
 from tests.oracle import unit_vectors
 
@@ -21,7 +22,7 @@ PACKET, RAYS = 64, 102_400
 
 def padded(vertices, faces):
     """Return triangles whose arrays have the same shapes for each mesh of at most 1300 faces."""
-    tree = topology_of(vertices, faces, least=1)
+    tree = exact_topology(vertices, faces, least=1)
     n, m, v = len(tree.children), len(tree.faces), len(vertices)
     assert n <= NODES and m <= LEAVES and tree.depth <= DEPTH and v <= 3 * LEAVES
     nodes, leaves = ((0, NODES - n), (0, 0)), ((0, LEAVES - m), (0, 0))

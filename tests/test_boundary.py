@@ -16,8 +16,8 @@ from edge_scenes import AXES, bumps, cells, corner_room, finite_difference, move
 
 import jaxrt
 from jaxrt.boundary import clearance_of, edge_tangent, sample_edges, splat
-from jaxrt.boundary.silhouettes import mesh_edges
 from jaxrt.sealed import sealed
+from jaxrt.shapes import mesh_edges
 
 X, Y, Z = AXES
 ALL = {"lights.position", "lights.radius", "spheres.center", "spheres.radius", "meshes.vertices"} | {
@@ -95,7 +95,7 @@ def by_light(radius, axis):
 def test_edges_of_a_box_are_found_once_though_its_triangles_share_no_vertex():
     triangles = ROOM.triangles
     box = replace(triangles, vertices=triangles.vertices[:36], faces=triangles.faces[:12])
-    found = jax.jit(mesh_edges)(box)
+    found = mesh_edges(np.asarray(box.vertices), np.asarray(box.faces))
     ends = np.asarray(box.vertices)[np.asarray(found.vertices)[np.asarray(found.used)]]
     lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=-1)
     assert len(lengths) == 18
@@ -107,7 +107,7 @@ def test_edges_of_a_box_are_found_once_though_its_triangles_share_no_vertex():
 def test_faces_without_area_have_no_edges():
     triangles = ROOM.triangles
     flat = triangles.vertices.at[2].set((triangles.vertices[0] + triangles.vertices[1]) / 2)
-    found = jax.jit(mesh_edges)(replace(triangles, vertices=flat))
+    found = mesh_edges(np.asarray(flat), np.asarray(triangles.faces))
     assert not np.any((np.asarray(found.faces) == 0).any(-1) & np.asarray(found.used))
 
 

@@ -11,9 +11,9 @@ from jaxrt.shapes import bvh
 
 
 def narrow_topology(vertices: np.ndarray, faces: np.ndarray, width: int) -> bvh.Topology:
-    """Return the tree of `width` <= 8 children a node and faces a leaf, as `bvh.topology_of` would build it."""
+    """Return the tree of `width` <= 8 children a node and faces a leaf, as `bvh.exact_topology` would build it."""
     with patch.object(bvh, "WIDTH", width):
-        tree = bvh.topology_of(vertices, faces, least=1)
+        tree = bvh.exact_topology(vertices, faces, least=1)
     assert tree is not None
 
     def filled(rows: Array, value: int) -> Array:

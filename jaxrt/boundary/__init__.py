@@ -15,6 +15,7 @@ from jax import Array
 from jaxrt.boundary.clearance import EdgeSamples, clearance_of, splat
 from jaxrt.boundary.outlines import camera_edges
 from jaxrt.boundary.shadows import Plan, shadow_edges
+from jaxrt.native import as_operand
 from jaxrt.scene import Scene
 from jaxrt.sealed import sealed
 
@@ -24,6 +25,7 @@ __all__ = ["EdgeSamples", "Plan", "clearance_of", "edge_tangent", "sample_edges"
 @partial(jax.jit, static_argnames="plan")
 def sample_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
     """Return samples of all edges that move. seed: () uint32."""
+    scene = as_operand(scene)
     return (*shadow_edges(scene, seed, plan), *camera_edges(scene, seed, plan))
 
 
@@ -39,7 +41,7 @@ def edge_tangent(scene: Scene, tangent: Any, seed: Array, plan: Plan) -> Array:
 @jax.jit
 def _picture_change(scene: Scene, tangent: Any, groups: tuple[EdgeSamples, ...]) -> Array:
     """Return what the samples' clearances change in the picture."""
-    size = scene.camera.width, scene.camera.height
+    scene, size = as_operand(scene), (scene.camera.width, scene.camera.height)
     total = jnp.zeros((size[1], size[0], 3), scene.camera.position.dtype)
     for samples in groups:
         _, change = jax.jvp(partial(clearance_of, samples=samples), (scene,), (tangent,))

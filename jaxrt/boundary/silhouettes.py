@@ -15,16 +15,6 @@ from jaxrt.shapes.sphere import SphereTable
 
 
 @pytree
-class MeshEdges:
-    """The edges of a mesh, each once. There are as many rows as faces have sides, and the surplus is not `used`."""
-
-    vertices: Array  # (e, 2) int32 rows of the vertices of both ends
-    opposite: Array  # (e, 2) int32 the third vertex of each of its two faces; twice the same where there is one face
-    faces: Array  # (e, 2) int32 rows of these faces
-    used: Array  # (e,) bool
-
-
-@pytree
 class EdgeTable:
     """Edges as the sampler reads them."""
 
@@ -66,48 +56,6 @@ class Rim:
     valid: Array  # () bool: there is an outline here
 
 
-def mesh_edges(triangles: Triangles) -> MeshEdges:
-    """Return the edges of a mesh; vertices at the same place count as one, and faces without area as absent.
-
-    Two faces share an edge whatever their winding. Of three faces at one edge the third has it for itself.
-    """
-    faces, n = triangles.faces, triangles.faces.shape[0]
-    places = _places(triangles.vertices)[faces]
-    flat = _normals(triangles.vertices[faces]) == 0
-    # One row for each side of each face, sorted so that equal ones meet
-    start, end, tip = (jnp.concatenate([x[:, 0], x[:, 1], x[:, 2]]) for x in _sides(faces))
-    a, b, _ = (jnp.concatenate([x[:, 0], x[:, 1], x[:, 2]]) for x in _sides(places))
-    low, high = jnp.minimum(a, b), jnp.maximum(a, b)
-    absent = jnp.tile(jnp.all(flat, -1), 3) | (low == high)
-    order = jnp.lexsort((high, low, absent))
-    low, high, start, end, tip, absent = (x[order] for x in (low, high, start, end, tip, absent))
-    face = (jnp.tile(jnp.arange(n, dtype=jnp.int32), 3))[order]
-    # Pair each row with the next one of the same edge
-    number = jnp.arange(3 * n)
-    fresh = (number == 0) | (absent != jnp.roll(absent, 1))
-    fresh = fresh | (low != jnp.roll(low, 1)) | (high != jnp.roll(high, 1))
-    rank = number - lax.cummax(jnp.where(fresh, number, 0))
-    paired = ~jnp.roll(fresh, -1).at[-1].set(True)
-    other = jnp.where(paired, jnp.roll(tip, -1), tip)
-    other_face = jnp.where(paired, jnp.roll(face, -1), face)
-    used = ~absent & (rank % 2 == 0)
-    return MeshEdges(jnp.stack([start, end], -1), jnp.stack([tip, other], -1), jnp.stack([face, other_face], -1), used)
-
-
-def _sides(faces: Array) -> tuple[Array, Array, Array]:
-    """Return start, end and opposite corner (n, 3) of the three sides of each face."""
-    return faces, jnp.roll(faces, -1, axis=1), jnp.roll(faces, -2, axis=1)
-
-
-def _places(vertices: Array) -> Array:
-    """Return a number (v,) for each vertex, the same for vertices at the same place."""
-    vertices = vertices + 0.0  # makes −0 a 0
-    order = jnp.lexsort(tuple(vertices.T))
-    there = vertices[order]
-    moved = jnp.any(there != jnp.roll(there, 1, axis=0), axis=-1).at[0].set(False)
-    return jnp.cumsum(moved.astype(jnp.int32))[jnp.argsort(order)]
-
-
 def _normals(corners: Array) -> Array:
     """Return unit normals (n, 3) of corners (n, 3, 3); 0 for a triangle that has no area to rounding."""
     edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -121,7 +69,8 @@ def _normals(corners: Array) -> Array:
 
 def edge_table(triangles: Triangles) -> EdgeTable:
     """Return the rows that the sampler reads, from the vertices as they stand."""
-    edges = mesh_edges(triangles)
+    edges = triangles.edges
+    assert edges is not None
     corners = triangles.vertices[jnp.concatenate([edges.vertices, edges.opposite], -1)]
     a, b, v0, v1 = (corners[:, i] for i in range(4))
     border = edges.faces[:, 0] == edges.faces[:, 1]

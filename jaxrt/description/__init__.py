@@ -214,6 +214,13 @@ class SceneDescription(Table):
     triangles: Annotated[tuple[TriangleDescription, ...], BeforeValidator(tables)] = ()
     lights: Annotated[tuple[LightDescription, ...], BeforeValidator(tables)] = ()
 
+    @property
+    def used(self) -> set[str]:
+        """Names of the materials that something is made of."""
+        solids: list[Solid] = [*self.spheres, *self.triangles]
+        from_meshes = {mesh.names[row] for mesh in self.meshes for row in np.unique(mesh.rows)}
+        return from_meshes | {solid.material for solid in solids}
+
     @model_validator(mode="before")
     @classmethod
     def _take_mesh_materials(cls, value: Any) -> Any:

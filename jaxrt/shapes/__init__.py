@@ -15,6 +15,7 @@ from jax import Array, lax
 from jaxrt.maths import FAR, dot, sign_or_one
 from jaxrt.pytree import pytree
 from jaxrt.records import Hit, Ray, Smooth, SurfacePoint
+from jaxrt.shapes.adjacency import mesh_edges
 from jaxrt.shapes.bvh import Survey, Topology, survey, topology_of
 from jaxrt.shapes.sphere import (
     Spheres,
@@ -42,6 +43,7 @@ __all__ = [
     "find",
     "geometry_of",
     "leave",
+    "mesh_edges",
     "occluded",
     "surface_point",
     "survey",

@@ -21,13 +21,9 @@ class Tree:
     words: Array  # (n·NODE + m·LEAF,) the nodes, then the leaves; floats by their bits, so that a cache line has both
     reach: Array  # () largest side of the root box
     pad: Array  # () what a face's box is padded by at most
+    side: Array  # () that of a leaf, as a share of the tree's: 1/√n of n leaves
     nodes: int = static()
     depth: int = static()
-
-    @property
-    def leaves(self) -> int:
-        """Number of leaves."""
-        return (self.words.shape[-1] - self.nodes * NODE) // LEAF
 
 
 def tree_of(topology: Topology, corners: Array) -> Tree:
@@ -51,6 +47,7 @@ def tree_of(topology: Topology, corners: Array) -> Tree:
         words=jnp.concatenate([nodes, _words(own.transpose(0, 3, 2, 1), slots)]),
         reach=jnp.max(high.max(0) - low.min(0)),
         pad=pad.max(),
+        side=lax.rsqrt(last[0].max().astype(corners.dtype)),
         nodes=topology.children.shape[0],
         depth=topology.depth,
     )

@@ -7,6 +7,7 @@ incoherent ray traversal on GPUs through compressed wide BVHs", 2017, section 3.
 Boxes are not kept: `boxes.py` derives them from the vertices of the moment, so that moved vertices find true boxes.
 """
 
+import math
 import time
 from typing import NamedTuple
 
@@ -18,6 +19,8 @@ from jaxrt.pytree import pytree, static
 
 WIDTH = 8  # children of a node, faces of a leaf: what one vector instruction tests
 BINS = 16
+# Leaves and nodes a face, of which real meshes have .125 to .137 and .025 to .029; and levels, of which they have few
+LEAVES, NODES, DEPTH = 0.14, 0.03, 16
 MIN_FACES = 48  # fewer are tested one by one: there random rays break even, camera rays earlier (benchmarks/meshes.py)
 
 
@@ -29,7 +32,7 @@ class Topology:
     first: Array  # (n, 8) int32 first leaf below the child
     last: Array  # (n, 8) int32 one past its last; equal to `first` where there is no child
     faces: Array  # (m, 8) int32 faces of each leaf, −1 where it has fewer
-    depth: int = static()  # levels of nodes: what a stack must hold
+    depth: int = static()  # levels of nodes at most: what a stack must hold
 
 
 class Survey(NamedTuple):
@@ -72,17 +75,45 @@ def _rows(x: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def topology_of(vertices: np.ndarray, faces: np.ndarray, least: int = MIN_FACES) -> Topology | None:
-    """Return the tree over the faces (f, 3) of vertices (v, 3), None below `least` faces, where it would not pay."""
+    """Return the tree over the faces (f, 3) of vertices (v, 3), None below `least` faces, where it would not pay.
+
+    Its arrays have room to spare, as much for each mesh of so many faces, so that one program serves them all.
+    """
+    tree = exact_topology(vertices, faces, least)
+    if tree is None:
+        return None
+    nodes, leaves = (_room(len(x), len(faces), share) for x, share in ((tree.children, NODES), (tree.faces, LEAVES)))
+    children, first, last = (_filled(x, nodes, 0) for x in (tree.children, tree.first, tree.last))
+    return Topology(children, first, last, _filled(tree.faces, leaves, -1), _doubled(DEPTH, tree.depth))
+
+
+def exact_topology(vertices: np.ndarray, faces: np.ndarray, least: int = MIN_FACES) -> Topology | None:
+    """Return the same tree without room to spare."""
     if len(faces) < max(least, 1):
         return None
-    binary = _grow(_faces_of(np.asarray(vertices, float), np.asarray(faces)))
-    return _collapse(binary)
+    return _collapse(_grow(_faces_of(np.asarray(vertices, float), np.asarray(faces))))
+
+
+def _room(count: int, faces: int, share: float) -> int:
+    """Return the rows that a tree over so many faces gets, at least `count`: more than nearly all trees need."""
+    return _doubled(math.ceil(share * faces + 2 * math.sqrt(faces)), count)
+
+
+def _doubled(size: int, least: int) -> int:
+    """Return the size, doubled until it is no less than `least`."""
+    while size < least:
+        size *= 2
+    return size
+
+
+def _filled(rows: Array, count: int, value: int) -> Array:
+    return jnp.pad(rows, ((0, count - len(rows)), (0, 0)), constant_values=value)
 
 
 def survey(vertices: np.ndarray, faces: np.ndarray) -> Survey | None:
     """Return what a tree over the faces costs to build and to walk; None where the faces are tested one by one."""
     start = time.process_time()
-    topology = topology_of(vertices, faces)
+    topology = exact_topology(vertices, faces)
     if topology is None:
         return None
     seconds = time.process_time() - start

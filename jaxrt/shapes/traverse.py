@@ -15,7 +15,7 @@ from jaxrt.maths import FAR
 from jaxrt.native import once
 from jaxrt.shapes.boxes import Tree
 from jaxrt.shapes.edges import main_axis
-from jaxrt.shapes.order import most, smallest
+from jaxrt.shapes.order import least, most, smallest
 from jaxrt.shapes.packet import walk_together
 from jaxrt.shapes.walk import RAY, part, ray_rows, walk_alone
 
@@ -93,8 +93,9 @@ def _packet_or_singles(any_hit: bool, tree: Tree, o: Array, d: Array, farthest: 
         return left & ~members, *lax.cond(worth, packet, later)
 
     alive = farthest > 0
-    side, spread, apart = 1 / tree.leaves**0.5, _spread(d, alive), _spread(o, alive)
-    near, within = ((spread < w) & (apart < w * tree.reach) for w in (min(SPREAD, ACROSS * side), side))
+    spread, apart = _spread(d, alive), _spread(o, alive)
+    widths = least(ACROSS * tree.side, SPREAD), tree.side
+    near, within = ((spread < w) & (apart < w * tree.reach) for w in widths)
     start = alive & near, farthest, jnp.where(alive & ~near, jnp.int32(ALONE), -1)
     found = lax.while_loop(lambda state: jnp.any(state[0]), group, start)[1:]
     return lax.cond(jnp.any(found[1] == ALONE), partial(_singles, any_hit, tree, o, d), lambda *found: found, *found)

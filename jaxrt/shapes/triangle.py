@@ -12,6 +12,7 @@ from jaxrt.gather import take
 from jaxrt.maths import cross, dot, grad_only, normalize, safe_divide, unit_roundoff
 from jaxrt.pytree import pytree
 from jaxrt.records import Ray, SurfacePoint
+from jaxrt.shapes.adjacency import MeshEdges
 from jaxrt.shapes.boxes import Tree, tree_of
 from jaxrt.shapes.bvh import Topology
 from jaxrt.shapes.edges import along_axis, edge_functions, hit_distance, main_axis, shear
@@ -27,6 +28,7 @@ class Triangles:
     faces: Array  # (n, 3) int32 rows of `vertices`, counter-clockwise seen from outside
     material: Array  # (n,) int32
     bvh: Topology | None = None  # made by `topology_of`; None: few, tested one by one
+    edges: MeshEdges | None = None  # for what moving edges add to derivatives
     smooth: Array | None = None  # (n, 3) int32, corners of one number share their normal; None: no mesh is smooth
 
 

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from benchmarks.alternatives.counted_walk import visits
 from jaxrt.maths import FAR
-from jaxrt.shapes import survey, topology_of, walk
+from jaxrt.shapes import survey, walk
+from jaxrt.shapes.bvh import exact_topology
 from jaxrt.shapes.triangle import triangle_table
 from tests import meshes
 from tests.searches import LEAVES, NODES, assert_same, padded, rays_at, search
@@ -92,7 +93,7 @@ def test_b1_moved_vertices_are_found_where_they_are():
 
 def test_b2_coincident_faces_give_the_first(figures):
     corners = np.tile(np.float32([[-1, -1, 0], [1, -1, 0], [0, 1, 0]]), (10_000, 1, 1))
-    tree = topology_of(*meshes.soup(corners))
+    tree = exact_topology(*meshes.soup(corners))
     limit = 2 * np.log2(10_000) + 8
     figures(
         "B2",
@@ -121,14 +122,14 @@ def halvings(mesh):
 
 def test_b3_depth_is_bounded(figures):
     for mesh in (meshes.exponential(100), meshes.soup(2.0 ** -np.arange(100.0)[:, None, None] * np.eye(3))):
-        depth, bad, limit = topology_of(*mesh, least=1).depth, halvings(mesh), 2 * np.log2(100) + 8
+        depth, bad, limit = exact_topology(*mesh, least=1).depth, halvings(mesh), 2 * np.log2(100) + 8
         figures(
             "B3", "depth of a tree of 100 faces, each half as far as the last", naive=bad, ours=depth, at_most=limit
         )
 
 
 def test_b4_no_face_has_no_tree(figures):
-    tree = topology_of(np.zeros((0, 3)), np.zeros((0, 3), int), least=0)
+    tree = exact_topology(np.zeros((0, 3)), np.zeros((0, 3), int), least=0)
     figures("B4", "trees made for a mesh without faces", ours=int(tree is not None), at_most=0)
 
 
@@ -170,7 +171,7 @@ def test_x7_walks_end(figures, name):
     """
     vertices, faces = ADVERSE[name]
     vertices = vertices.astype(np.float32).astype(float)
-    tree = topology_of(vertices, faces, least=1)
+    tree = exact_topology(vertices, faces, least=1)
     o, d = rays_at(np.random.default_rng(10), vertices, faces, 1024)
     arguments = padded(vertices, faces), o, d, np.full(len(o), FAR, np.float32)
     counts, levels = steps_of(*arguments, False)
