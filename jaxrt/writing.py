@@ -18,26 +18,26 @@ def write_whole(path: Path, write: Callable[[BinaryIO], object], mode: int | Non
     """Let `write` fill a hidden neighbour of `path` with a random name, then rename it to `path`.
 
     Where either raises, or is interrupted, there is no neighbour left, and what was at `path` before still is. The file
-    has the permissions of the one that it replaces, else those of `mode`, else those of new files. A link is replaced,
-    not followed. What it says has reached the disk when this returns. Raises OSError, always with `path` and a reason.
+    has the permissions `mode`, by default those of the file that it replaces, else those of new files. A link is
+    replaced, not followed. What was written has reached the disk when this returns. Raises OSError, always with `path`
+    and a reason.
     """
-    with _naming(path), _opened(path.parent) as folder:
-        if mode is None:
-            mode = _mode(path.name, folder)
-        _sweep(path.parent, folder)
-        with _part(folder, mode) as (name, file):
+    with _naming(path):
+        found = _mode(path)
+        _sweep(path.parent)
+        with _part(path.parent, found if mode is None else mode) as (part, file):
             write(file)
             file.flush()
             os.fsync(file.fileno())
-            os.replace(name, path.name, src_dir_fd=folder, dst_dir_fd=folder)
+            os.replace(part, path)
     with suppress(OSError):  # some file systems know no such thing
         _sync(path.parent)
 
 
 def check_place(path: Path) -> None:
     """Raise OSError, with `path` and a reason, where no file of this name can be: too long, a folder, a device."""
-    with _naming(path), _opened(path.parent) as folder:
-        _mode(path.name, folder)
+    with _naming(path):
+        _mode(path)
 
 
 @contextmanager
@@ -49,20 +49,10 @@ def _naming(path: Path) -> Iterator[None]:
         raise OSError(error.errno or errno.EIO, error.strerror or str(error), str(path)) from error
 
 
-@contextmanager
-def _opened(folder: Path) -> Iterator[int]:
-    """Open a folder, so that all that follows happens in the same one."""
-    descriptor = os.open(folder, getattr(os, "O_PATH", os.O_RDONLY) | os.O_DIRECTORY | os.O_CLOEXEC)
+def _mode(path: Path) -> int | None:
+    """Return the permissions of the file at `path`, None where there is none. Raises OSError where none can be."""
     try:
-        yield descriptor
-    finally:
-        os.close(descriptor)
-
-
-def _mode(name: str, folder: int) -> int | None:
-    """Return the permissions of the file of this name, None where there is none. Raises OSError for a name unfit."""
-    try:
-        found = os.stat(name or ".", dir_fd=folder, follow_symlinks=False).st_mode
+        found = path.lstat().st_mode
     except FileNotFoundError:
         return None
     if stat.S_ISDIR(found):
@@ -73,42 +63,40 @@ def _mode(name: str, folder: int) -> int | None:
 
 
 @contextmanager
-def _part(folder: int, mode: int | None) -> Iterator[tuple[str, BinaryIO]]:
-    """Make a file that is this process's own as long as it lives, and that nobody can have planted."""
+def _part(folder: Path, mode: int | None) -> Iterator[tuple[Path, BinaryIO]]:
+    """Make a file of this process's own, which is gone at the end unless it was renamed."""
+    part, descriptor = _create(folder, 0o666 if mode is None else mode & 0o600)
+    try:
+        with open(descriptor, "wb") as file:
+            if mode is not None:
+                os.fchmod(descriptor, mode)
+            yield part, file
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _create(folder: Path, mode: int) -> tuple[Path, int]:
+    """Return a new file that nobody can have planted, locked as long as it is open, and its descriptor."""
     while True:
-        name = f".jaxrt-{secrets.token_hex(8)}"
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-        descriptor = os.open(name, flags, 0o666 if mode is None else mode & 0o600, dir_fd=folder)
-        try:
-            with open(descriptor, "wb") as file:
-                _lock(descriptor)
-                if os.fstat(descriptor).st_nlink == 0:  # swept before it was locked
-                    continue
-                if mode is not None:
-                    os.fchmod(descriptor, mode)
-                yield name, file
-                return
-        finally:
-            with suppress(FileNotFoundError):
-                os.unlink(name, dir_fd=folder)
+        part = folder / f".jaxrt-{secrets.token_hex(8)}"
+        descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, mode)
+        with suppress(OSError):  # some file systems know no locks, and then nobody sweeps
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        if os.fstat(descriptor).st_nlink:  # else it was swept before it was locked
+            return part, descriptor
+        os.close(descriptor)
 
 
-def _lock(descriptor: int) -> None:
-    """Tell others that the process lives, where the file system can."""
-    with suppress(OSError):
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-
-
-def _sweep(path: Path, folder: int) -> None:
+def _sweep(folder: Path) -> None:
     """Remove what killed processes left in a folder: the parts that nobody has locked."""
     with suppress(OSError):
-        for name in filter(PART.fullmatch, os.listdir(path)):
+        for name in filter(PART.fullmatch, os.listdir(folder)):
             with suppress(OSError):
                 # A pipe of this name must not hold us up, nor a link lead us elsewhere
                 flags = os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-                with open(os.open(name, flags, dir_fd=folder), "wb", buffering=0) as file:
+                with open(os.open(folder / name, flags), "wb", buffering=0) as file:
                     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    os.unlink(name, dir_fd=folder)
+                    os.unlink(folder / name)
 
 
 def _sync(folder: Path) -> None:

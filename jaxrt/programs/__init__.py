@@ -14,6 +14,7 @@ import jax
 from jax import Array
 from jax.experimental.compilation_cache.compilation_cache import reset_cache
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
+from jax.stages import Compiled
 
 from jaxrt.film import Plan, Run
 from jaxrt.programs.jax_files import lend_jax_files
@@ -59,8 +60,7 @@ def _kept_or_compiled(folder: Path, scene: Scene, run: Run, plan: Plan) -> Progr
     loaded = _load(file, key, scene, run, plan)
     if loaded is not None:
         return loaded
-    with _cache_of_jax_off():
-        program = draw_sum.lower(scene, run, plan).compile()
+    program = _compile(scene, run, plan)
     # Only what has run is kept
     jax.block_until_ready(program(scene, run))
     with suppress(OSError):
@@ -93,6 +93,11 @@ def _try(kept: bytes, scene: Scene, run: Run, plan: Plan) -> Program:
     program = deserialize_and_load(kept, inputs, output, execution_devices=plan.devices)
     jax.block_until_ready(program(scene, run))
     return program
+
+
+def _compile(scene: Scene, run: Run, plan: Plan) -> Compiled:
+    with _cache_of_jax_off():
+        return draw_sum.lower(scene, run, plan).compile()
 
 
 @contextmanager

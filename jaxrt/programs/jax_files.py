@@ -12,8 +12,8 @@ import os
 import secrets
 import shutil
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
 
@@ -24,11 +24,29 @@ RUN = "run-"  # begins the names of runs' folders
 DIGITS = 32  # of the SHA-256 at the end of a kept file's name
 
 
+class Loan(NamedTuple):
+    """Files lent to a run."""
+
+    store: Path  # where they come from, and go
+    run: Path  # the run's own folder
+    lock: int  # descriptor that is open while the run lives
+
+
 def lend_jax_files(folder: Path) -> None:
     """Let JAX keep programs in the private folder `folder`, until the process ends.
 
     Raises OSError where that cannot be, NotPrivate where it must not.
     """
+    loan = lend(folder)
+    jax.config.update("jax_compilation_cache_dir", str(loan.run))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    # Those would lie in the same folder, whose name would be part of what determines a program
+    jax.config.update("jax_persistent_cache_enable_xla_caches", "none")
+    atexit.register(take_back, loan)
+
+
+def lend(folder: Path) -> Loan:
+    """Return a new folder with the files that are whole."""
     store = private_folder(folder / "jax")
     _forget_killed(folder, store)
     run, lock = _own_folder(folder)
@@ -40,15 +58,12 @@ def lend_jax_files(folder: Path) -> None:
                 (run / name).write_bytes(content)
             else:
                 file.unlink()
-    jax.config.update("jax_compilation_cache_dir", str(run))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    # Those would lie in the same folder, whose name would be part of what determines a program
-    jax.config.update("jax_persistent_cache_enable_xla_caches", "none")
-    atexit.register(partial(take_back, run, store, lock))
+    return Loan(store, run, lock)
 
 
-def take_back(run: Path, store: Path, lock: int) -> None:
+def take_back(loan: Loan) -> None:
     """Keep the run's new files, the newest of all, and remove its folder."""
+    store, run, lock = loan
     with suppress(OSError):
         there = {file.name.rpartition(".")[0] for file in store.iterdir()}
         for file in run.glob("*-cache"):
