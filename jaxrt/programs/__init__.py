@@ -21,7 +21,7 @@ from jaxrt.programs.jax_files import lend_jax_files
 from jaxrt.programs.kept import SUFFIX, file_of, read_program, write_program
 from jaxrt.programs.key import key_of
 from jaxrt.programs.private import NotPrivate, cache_folder, private_folder
-from jaxrt.programs.trial import trial
+from jaxrt.programs.trial import on_trial
 from jaxrt.render import draw_sum
 from jaxrt.scene import Scene
 
@@ -74,7 +74,7 @@ def _load(file: Path, key: bytes, scene: Scene, run: Run, plan: Plan) -> Program
     if not os.path.lexists(file):
         return None
     try:
-        with trial(file) as died:
+        with on_trial(file) as died:
             kept = None if died else read_program(file, key)
             if kept is not None:
                 program = _try(kept, scene, run, plan)

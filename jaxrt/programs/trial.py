@@ -12,7 +12,7 @@ PATIENCE = 10.0  # seconds for another process's trial, which takes a fraction o
 
 
 @contextmanager
-def trial(program: Path) -> Iterator[bool]:
+def on_trial(program: Path) -> Iterator[bool]:
     """Mark the file as on trial, and tell whether the process that tried it before died of it.
 
     One process tries at a time. Raises OSError where no mark can be made, or where another process tries for ever.
