@@ -3,6 +3,7 @@
 import os
 import pickle
 import random
+import re
 import subprocess
 import sys
 import threading
@@ -524,3 +525,15 @@ def test_info_says_whether_a_program_is_kept(tmp_path: Path, kept: Kept, monkeyp
     write_program(file_of(kept.folder, key), key, b"not even looked into")
     assert run(capsys, "info", "ball.toml")[1].endswith("\nprogram: kept\n")
     assert (kept.loaded, kept.compiled) == ([], [])
+
+
+def test_the_page_tells_how_the_folder_is_emptied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (ROOT / "docs/kept-programs.md").read_text()
+    info, empty = re.findall(r"^```sh\n(.*?)\n```", page, re.MULTILINE | re.DOTALL)
+    assert info.startswith("jaxrt info")  # tested above
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    folder = private_folder(cache_folder())
+    subprocess.run(["sh", "-c", empty], check=True)
+    assert not folder.exists() and folder.parent.exists()
+    assert f"the {KEPT} programs" in page and f"{jax_files.LARGEST >> 20} MiB" in page
