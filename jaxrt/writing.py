@@ -34,6 +34,11 @@ def write_whole(path: Path, write: Callable[[BinaryIO], object], mode: int | Non
         _sync(path.parent)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write the text in UTF-8, as `write_whole` does."""
+    write_whole(path, lambda file: file.write(text.encode()))
+
+
 def check_place(path: Path) -> None:
     """Raise OSError, with `path` and a reason, where no file of this name can be: too long, a folder, a device."""
     with _naming(path):

@@ -515,6 +515,22 @@ def test_jax_is_lent_its_files(lent: Path, monkeypatch: pytest.MonkeyPatch) -> N
 # The command
 
 
+def test_a_folder_without_room_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    def full(folder: Path) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
+    monkeypatch.setattr(start, "use_cpu_cores", lambda cores: None)
+    monkeypatch.setattr(start.gc, "disable", lambda: None)
+    monkeypatch.setattr(start, "lend_jax_files", full)
+    assert start.start_jax(1) is None
+    assert capsys.readouterr().err == (
+        f"jaxrt: warning: compiled programs are not kept: {tmp_path}/jaxrt: No space left on device: "
+        "make room, or set XDG_CACHE_HOME\n"
+    )
+
+
 def test_info_says_whether_a_program_is_kept(tmp_path: Path, kept: Kept, monkeypatch, capsys) -> None:
     folder = working_folder(tmp_path, monkeypatch)
     assert run(capsys, "info", "ball.toml")[1].endswith("\nprogram: not kept, the first render compiles\n")

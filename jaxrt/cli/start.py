@@ -53,6 +53,7 @@ def start_jax(cores: int) -> Path | None:
     use_cpu_cores(cores)
     # Tracing makes many objects that live as long as this short process: collecting them costs a tenth of the start
     gc.disable()
+    folder = None
     try:
         folder = private_folder(cache_folder())
         # The small programs around the large one
@@ -62,7 +63,7 @@ def start_jax(cores: int) -> Path | None:
         warn(f"compiled programs are not kept: {error}")
         return None
     except OSError as error:
-        warn(f"compiled programs are not kept: {error.filename}: {error.strerror}: make room, or set XDG_CACHE_HOME")
+        warn(f"compiled programs are not kept: {folder}: {error.strerror}: make room, or set XDG_CACHE_HOME")
         return None
     return folder
 

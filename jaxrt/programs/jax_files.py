@@ -11,6 +11,7 @@ import hashlib
 import os
 import secrets
 import shutil
+import warnings
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -42,6 +43,8 @@ def lend_jax_files(folder: Path) -> None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     # Those would lie in the same folder, whose name would be part of what determines a program
     jax.config.update("jax_persistent_cache_enable_xla_caches", "none")
+    # A file that it cannot read or write costs time, no more
+    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache entry")
     atexit.register(take_back, loan)
 
 
