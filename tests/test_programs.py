@@ -346,7 +346,7 @@ def test_a_program_that_does_not_load_is_compiled_anew(kept: Kept) -> None:
 # Crashes
 
 
-def test_l2_a_program_that_killed_a_process_is_not_tried_again(kept: Kept) -> None:
+def test_l2_a_program_that_killed_a_process_is_not_tried_again(kept: Kept, monkeypatch: pytest.MonkeyPatch) -> None:
     code = (
         "import os, signal, sys; from pathlib import Path; from jaxrt.programs.trial import on_trial\n"
         "with on_trial(Path(sys.argv[1])) as died:\n    assert not died\n    os.kill(os.getpid(), signal.SIGILL)"
@@ -354,7 +354,16 @@ def test_l2_a_program_that_killed_a_process_is_not_tried_again(kept: Kept) -> No
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     child = subprocess.run([sys.executable, "-c", code, kept.file], env=environment, capture_output=True)
     assert child.returncode == -4
-    kept.draw()
+    unlink = os.unlink
+
+    def unmarked(path: Path) -> None:
+        if Path(path).suffix == ".trial":
+            assert not kept.file.exists()  # else another might try it between
+        unlink(path)
+
+    with monkeypatch.context() as context:
+        context.setattr("jaxrt.programs.trial.os.unlink", unmarked)
+        kept.draw()
     assert (kept.loaded, kept.compiled) == ([], ["compiled"])
     kept.draw()
     assert (kept.loaded, kept.compiled) == (["loaded"], ["compiled"])
@@ -396,7 +405,7 @@ def test_l2_a_trial_without_end_does_not_hold_others_up(kept: Kept, monkeypatch:
     monkeypatch.setattr("jaxrt.programs.trial.PATIENCE", 0.05)
     with on_trial(kept.file):
         kept.draw()
-    assert (kept.loaded, kept.compiled) == ([], ["compiled"])
+    assert (kept.loaded, kept.compiled) == ([], ["compiled"]) and kept.file.exists()
 
 
 def test_a_program_that_fails_at_once_is_not_kept(kept: Kept, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -510,6 +519,16 @@ def test_jax_is_lent_its_files(lent: Path, monkeypatch: pytest.MonkeyPatch) -> N
     ((back, loan),) = at_exit
     back(loan)
     assert not run_folder.exists() and len(names(lent / "jax")) == 2
+
+
+def test_without_locks_jax_is_lent_nothing(lent: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unknown(*arguments: Any) -> None:
+        raise OSError(37, "No locks available")
+
+    monkeypatch.setattr("jaxrt.programs.jax_files.fcntl.flock", unknown)
+    with pytest.raises(OSError, match="No locks available"):
+        lend(lent)
+    assert names(lent) == {"jax"}
 
 
 # The command

@@ -73,16 +73,14 @@ def _load(file: Path, key: bytes, scene: Scene, run: Run, plan: Plan) -> Program
     """Return the program in the file after a run, or None where there is none that runs."""
     if not os.path.lexists(file):
         return None
-    try:
-        with on_trial(file) as died:
+    with suppress(OSError), on_trial(file) as died:
+        with suppress(Exception):  # whatever is wrong with the program, compiling mends it
             kept = None if died else read_program(file, key)
             if kept is not None:
                 program = _try(kept, scene, run, plan)
                 file.touch()
                 return program
-    except Exception:  # whatever is wrong with the program, compiling mends it
-        pass
-    with suppress(OSError):
+        # While the mark is there: nobody else tries it
         file.unlink()
     return None
 

@@ -1,8 +1,8 @@
 """JAX's own files of compiled programs: lent to each run, taken back from runs that end.
 
-JAX keeps the small programs around a render, and all those of a fit. It writes them with no checksum of what may be
-trusted, and in place. So each run has a folder of its own, with the files that are whole; new ones join them when the
-run ends. A run that was killed leaves its folder: then all are forgotten, since one of them may have done it.
+JAX keeps the small programs around a render, and all those of a fit. It writes them in place and without a checksum. So
+each run has a folder of its own, with the files that are whole; new ones join them when the run ends. A run that was
+killed leaves its folder: then all are forgotten, since one of them may have done it.
 """
 
 import atexit
@@ -98,8 +98,12 @@ def _own_folder(folder: Path) -> tuple[Path, int]:
     number = secrets.token_hex(8)
     new, run = folder / f"new-{number}", folder / f"{RUN}{number}"
     new.mkdir(mode=0o700)
-    lock = _lock(new)
-    new.rename(run)
+    try:
+        lock = _lock(new)
+        new.rename(run)
+    except OSError:  # the file system knows no locks
+        new.rmdir()
+        raise
     return run, lock
 
 
