@@ -58,8 +58,11 @@ def private_folder(path: Path) -> Path:
 
 def _enter(place: Path, outer: int) -> int:
     """Open the folder, made if there is none. Raises NotPrivate for a link."""
-    with suppress(FileExistsError):
-        os.mkdir(place.name, 0o700, dir_fd=outer)
+    try:
+        os.stat(place.name, dir_fd=outer, follow_symlinks=False)
+    except FileNotFoundError:
+        with suppress(FileExistsError):  # by another run, this moment
+            os.mkdir(place.name, 0o700, dir_fd=outer)
     try:
         return os.open(place.name, OPEN, dir_fd=outer)
     except OSError as error:
