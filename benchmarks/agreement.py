@@ -14,6 +14,7 @@ import argparse
 import os
 import sys
 import tempfile
+from pathlib import Path
 
 import numpy as np
 from PIL import Image
@@ -29,6 +30,7 @@ from benchmarks.processes import (
     run_child,
     wide_console,
 )
+from jaxrt.writing import write_whole
 
 BLOCK = 8  # pixels: means of 8×8 pixels are near enough to normal, single pixels with fireflies are not
 MEAN_LIMIT = 4.0
@@ -97,7 +99,8 @@ def save_difference(path: str, ours: np.ndarray, theirs: np.ndarray) -> None:
     height, width = z.shape
     colour = np.stack([1 + np.minimum(z, 0), 1 - np.abs(z), 1 - np.maximum(z, 0)], axis=-1)
     shown = [np.clip(x[:height, :width], 0, 1) ** (1 / 2.2) for x in (a, b)]
-    Image.fromarray(np.uint8(255 * np.concatenate([*shown, colour], axis=1) + 0.5)).save(path)
+    picture = Image.fromarray(np.uint8(255 * np.concatenate([*shown, colour], axis=1) + 0.5))
+    write_whole(Path(path), lambda file: picture.save(file, format="PNG"))
 
 
 def load_stack(path: str) -> np.ndarray:

@@ -25,6 +25,7 @@ from rich.table import Table
 
 import jaxrt
 from benchmarks.processes import HERE, cpu_model, find_peer, wide_console
+from jaxrt.writing import write_whole
 
 SCENE = "scenes/shadows.toml"
 SAMPLES = (1024, 4096, 16384)
@@ -210,7 +211,7 @@ def draw(path: str, pictures: list[tuple[str, np.ndarray, np.ndarray, np.ndarray
         axes[0, column].set_title(title.replace(", ", ",\n"), fontsize=7)
     for row, label in enumerate(("finite differences", "without edges", f"{SAMPLES[-1]} edge samples")):
         axes[row, 0].set_ylabel(label, fontsize=8)
-    figure.savefig(path, dpi=110)
+    write_whole(Path(path), lambda file: figure.savefig(file, format="png", dpi=110))
 
 
 def main() -> None:

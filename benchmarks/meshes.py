@@ -23,6 +23,7 @@ from rich.table import Table
 
 from benchmarks.mesh_rays import KINDS
 from benchmarks.processes import HERE, cpu_model, find_peer, ratio_text, report_of, run_child, wide_console
+from jaxrt.writing import write_text, write_whole
 
 TESTS = ("watertight", "moller-trumbore")
 PICTURE = 5  # subdivisions of the mesh of whole pictures
@@ -117,7 +118,7 @@ def draw_chart(path: str, measured: Measured) -> None:
     for axes, label in zip(panels, ("nodes and leaves a ray", "CPU ns a ray", "CPU ns a ray"), strict=True):
         axes.set(xscale="log", xlabel="faces", ylabel=label, ylim=(0, None))
         axes.legend(fontsize="small")
-    figure.savefig(path, dpi=100)
+    write_whole(Path(path), lambda file: figure.savefig(file, format="png", dpi=100))
 
 
 def nanoseconds(rates: list[float]) -> float:
@@ -185,7 +186,7 @@ def write_report(path: str, about: str, measured: Measured, extra: list[str]) ->
         f"![Visits and time of a ray over the number of faces]({Path(path).name}.png)\n",
         *extra,
     ]
-    Path(f"{path}.md").write_text("\n".join(parts), encoding="utf-8")
+    write_text(Path(f"{path}.md"), "\n".join(parts))
 
 
 COST = """In brackets the same over log₂ of the number of faces, which grows {growth:.2f} times from the first row to \

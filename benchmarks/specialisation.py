@@ -9,6 +9,7 @@ Writes docs/specialisation.md, docs/charts/specialisation.png and .svg, and the 
 import argparse
 import csv
 import datetime
+from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +21,7 @@ from benchmarks.jaxrt_side import use_cores
 from benchmarks.ladder import LADDER, build, count, forced, program
 from benchmarks.meshes import markdown, versions
 from benchmarks.processes import cpu_model
+from jaxrt.writing import write_text, write_whole
 
 SIZE, SPP, DEPTH = 128, 16, 4
 RUNGS = [name for name in LADDER if name != "no light"]
@@ -74,13 +76,14 @@ def measure(name: str, rounds: int, about: str) -> Rung:
 
 def write_csv(path: Path, rungs: list[Rung]) -> None:
     """Save the figures, one line a rung and side."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(HEADER)
-        for r in rungs:
-            for side, numbers in zip(SIDES, (r.own, r.forced), strict=True):
-                fixed = [f"{x:g}" for x in numbers[:3]]
-                table.writerow([r.name, side, *fixed, *cells(numbers.microseconds), *cells(r.factor), r.about])
+    text = StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(HEADER)
+    for r in rungs:
+        for side, numbers in zip(SIDES, (r.own, r.forced), strict=True):
+            fixed = [f"{x:g}" for x in numbers[:3]]
+            table.writerow([r.name, side, *fixed, *cells(numbers.microseconds), *cells(r.factor), r.about])
+    write_text(path, text.getvalue())
 
 
 def read_csv(path: Path) -> dict[str, Rung]:
@@ -146,8 +149,10 @@ def draw_chart(stem: Path, rungs: list[Rung]) -> None:
         axes[1, 0].annotate(f"×{r.factor.median:.1f}", top, ha="center", va="bottom", fontsize=7)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2, frameon=False)
     stem.parent.mkdir(parents=True, exist_ok=True)
-    for suffix in (".png", ".svg"):
-        figure.savefig(stem.with_suffix(suffix), dpi=120)
+    for suffix in ("png", "svg"):
+        write_whole(
+            stem.with_suffix(f".{suffix}"), lambda file, format=suffix: figure.savefig(file, format=format, dpi=120)
+        )
 
 
 def summary(rungs: list[Rung]) -> str:
@@ -209,7 +214,7 @@ def write_page(path: Path, rungs: list[Rung], rounds: int) -> None:
         summary(rungs) + "\n",
         GUARD,
     ]
-    path.write_text("\n".join(parts), encoding="utf-8")
+    write_text(path, "\n".join(parts))
 
 
 def main() -> None:

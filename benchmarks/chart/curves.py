@@ -1,10 +1,13 @@
 """Curves of error against CPU time: unbiased errors, Pareto front, time at a given error, CSV. Pure NumPy."""
 
 import csv
+from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+
+from jaxrt.writing import write_text
 
 FIELDS = ("method", "spp", "images", "cpu_seconds", "error", "low", "high", "pareto")
 
@@ -107,13 +110,14 @@ def crossing(curve: list[Point], error: float) -> Crossing | None:
 def write_csv(path: Path, curves: Curves) -> None:
     """Save the points of all curves, with a mark at those of the Pareto front."""
     front = set(pareto_front(curves))
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(FIELDS)
-        for method, points in curves.items():
-            for p in points:
-                numbers = [f"{value:.6g}" for value in (p.seconds, p.error, p.low, p.high)]
-                writer.writerow([method, p.spp, p.images, *numbers, int(p in front)])
+    text = StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(FIELDS)
+    for method, points in curves.items():
+        for p in points:
+            numbers = [f"{value:.6g}" for value in (p.seconds, p.error, p.low, p.high)]
+            writer.writerow([method, p.spp, p.images, *numbers, int(p in front)])
+    write_text(path, text.getvalue())
 
 
 def read_csv(path: Path) -> Curves:

@@ -5,6 +5,8 @@ from typing import Any, NamedTuple
 
 import matplotlib
 
+from jaxrt.writing import write_whole
+
 matplotlib.use("agg")
 
 from matplotlib import pyplot, ticker
@@ -66,8 +68,8 @@ def draw_chart(stem: Path, chart: Chart, study: Study) -> None:
     _label_samples(axes, study.curves.get(chart.samples, next(iter(study.curves.values()))))
     _finish(axes, chart, study)
     figure.legend(loc="outside right upper", fontsize=8, frameon=False)
-    figure.savefig(stem.with_suffix(".png"), dpi=150)
-    figure.savefig(stem.with_suffix(".svg"), metadata={"Date": None})
+    write_whole(stem.with_suffix(".png"), lambda file: figure.savefig(file, format="png", dpi=150))
+    write_whole(stem.with_suffix(".svg"), lambda file: figure.savefig(file, format="svg", metadata={"Date": None}))
     pyplot.close(figure)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.samplers import REFERENCE_SEED, Reference
+from jaxrt.writing import write_whole
 
 
 def cache_folder() -> Path:
@@ -32,9 +33,7 @@ def cached(folder: Path, key: str, make: Callable[[], Reference]) -> Reference:
             return Reference(archive["image"], float(archive["variance"]))
     made = make()
     folder.mkdir(parents=True, exist_ok=True)
-    half_written = file.with_suffix(f".{os.getpid()}.npz")
-    np.savez(half_written, image=made.image, variance=made.variance)
-    half_written.replace(file)
+    write_whole(file, lambda half: np.savez(half, image=made.image, variance=made.variance))
     return made
 
 

@@ -7,6 +7,7 @@ from benchmarks.chart.curves import read_csv, write_csv
 from benchmarks.chart.drawing import draw_chart
 from benchmarks.chart.page import CHARTS, Found, page_of
 from benchmarks.chart.studies import Study
+from jaxrt.writing import write_text
 
 
 def save(folder: Path, name: str, study: Study, told: dict[str, str]) -> None:
@@ -14,7 +15,7 @@ def save(folder: Path, name: str, study: Study, told: dict[str, str]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     write_csv(folder / f"{name}.csv", study.curves)
     facts = json.dumps({"band": float(study.band), "facts": study.facts, "run": told}, indent=1, ensure_ascii=False)
-    (folder / f"{name}.json").write_text(facts + "\n", encoding="utf-8")
+    write_text(folder / f"{name}.json", facts + "\n")
 
 
 def load(folder: Path) -> Found:
@@ -32,4 +33,4 @@ def draw_all(output: Path) -> None:
     found = load(output / "charts")
     for name, (study, _) in found.items():
         draw_chart(output / "charts" / name, CHARTS[name], study)
-    (output / "charts.md").write_text(page_of(found), encoding="utf-8")
+    write_text(output / "charts.md", page_of(found))

@@ -2,10 +2,12 @@
 
 import csv
 from collections.abc import Callable, Iterable, Mapping
+from io import StringIO
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 from benchmarks.interleave import Spread, interleaved, ratios, spread
+from jaxrt.writing import write_text
 
 Kind = Literal["cost", "error", "note"]
 SAME_COST, SAME_ERROR = 0.05, 0.03  # relative differences that count as none
@@ -97,12 +99,13 @@ def error(choice: str, variant: str, measure: str, value: float, form: str = ".3
 
 def write_csv(path: Path, figures: list[Figure], taken: dict[str, str]) -> None:
     """Save the figures. taken: date, machine and versions of each choice."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(["choice", "variant", "measure", "kind", *Spread._fields, "form", "taken"])
-        for f in figures:
-            numbers = [f"{v:.5g}" for v in f.value]
-            table.writerow([f.choice, f.variant, f.measure, f.kind, *numbers, f.form, taken[f.choice]])
+    text = StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["choice", "variant", "measure", "kind", *Spread._fields, "form", "taken"])
+    for f in figures:
+        numbers = [f"{v:.5g}" for v in f.value]
+        table.writerow([f.choice, f.variant, f.measure, f.kind, *numbers, f.form, taken[f.choice]])
+    write_text(path, text.getvalue())
 
 
 def read_csv(path: Path) -> tuple[list[Figure], dict[str, str]]:

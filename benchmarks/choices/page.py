@@ -4,6 +4,7 @@ from pathlib import Path
 
 from benchmarks.choices.figures import SAME_COST, SAME_ERROR, Choice, Figure, Table
 from benchmarks.meshes import markdown
+from jaxrt.writing import write_text
 
 INTRODUCTION = f"""What each choice costs, and what it buys. Cost is CPU time in ours, formed within rounds in which all
 variants take turns in one process on one core: median (least–most). Errors are as each section says. Of two variants
@@ -53,4 +54,4 @@ def write_page(path: Path, choices: list[Choice], figures: list[Figure], taken: 
         f"**Where ours is dominated:** {'; '.join(lost) if lost else 'nowhere'}.\n",
         *(section(c, figures, taken[c.name]) for c in known),
     ]
-    path.write_text("\n".join(parts), encoding="utf-8")
+    write_text(path, "\n".join(parts))

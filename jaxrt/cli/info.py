@@ -3,14 +3,20 @@
 import argparse
 
 from jaxrt.checks import check_memory
-from jaxrt.cli.start import built
+from jaxrt.cli import start
+from jaxrt.cli.start import built, usable_cores
 from jaxrt.io.scene_file import read_description
+from jaxrt.programs import is_kept
+from jaxrt.render import prepare
 from jaxrt.summary import print_summary
 
 
 def run(args: argparse.Namespace) -> None:
     description = read_description(args.scene)
     check_memory(description.camera.width, description.camera.height, str(args.scene))
+    folder = start.start_jax(usable_cores())
     messages: list[object] = []
     scene = built(description, messages.append)
     print_summary(str(args.scene), description, scene, [str(message) for message in messages])
+    arguments = prepare(scene, 0, 0, 0, description.render.spp)
+    print("program: kept" if is_kept(folder, *arguments) else "program: not kept, the first render compiles")

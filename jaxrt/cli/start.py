@@ -8,25 +8,26 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
-import jax
-
 from jaxrt.checks import check_memory
 from jaxrt.cli.errors import UsageError, refusing
 from jaxrt.description import SceneDescription, SceneWarning, show
 from jaxrt.io.image import check_suffix
 from jaxrt.io.scene_file import read_description
+from jaxrt.programs import NotPrivate, cache_folder, lend_jax_files, private_folder
 from jaxrt.render import use_cpu_cores
 from jaxrt.scene import Scene, build
+from jaxrt.writing import check_place
 
 
 def check_output(path: Path) -> None:
     """Refuse an output that could not be written, before any work."""
     with refusing():
         check_suffix(path)
-    if path.is_dir():
-        raise UsageError(f"{path}: is a folder: name a file in it")
-    if not path.parent.is_dir():
-        raise UsageError(f"{path}: the folder {show(str(path.parent))} does not exist: make it first")
+        if path.is_dir():
+            raise UsageError(f"{path}: is a folder: name a file in it")
+        if not path.parent.is_dir():
+            raise UsageError(f"{path}: the folder {show(str(path.parent))} does not exist: make it first")
+        check_place(path)
     if not os.access(path.parent, os.W_OK):
         raise UsageError(f"{path}: the folder {show(str(path.parent))} is not writable: choose another")
 
@@ -48,21 +49,22 @@ def usable_cores() -> int:
 
 
 def start_jax(cores: int) -> Path | None:
-    """Give JAX the cores, and return the folder that keeps compiled programs between runs, if it can be written."""
+    """Give JAX the cores, and return the private folder that keeps programs between runs, if there is one."""
     use_cpu_cores(cores)
     # Tracing makes many objects that live as long as this short process: collecting them costs a tenth of the start
     gc.disable()
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jaxrt"
+    folder = None
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
+        folder = private_folder(cache_folder())
+        # The small programs around the large one
+        if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+            lend_jax_files(folder)
+    except NotPrivate as error:
+        warn(f"compiled programs are not kept: {error}")
         return None
-    if not os.access(folder, os.W_OK):
+    except OSError as error:
+        warn(f"compiled programs are not kept: {folder}: {error.strerror}: make room, or set XDG_CACHE_HOME")
         return None
-    # The small programs around the large one
-    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-        jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     return folder
 
 

@@ -16,7 +16,7 @@ from jaxrt.fit import Fit, FitError, Progress, Unknowns
 from jaxrt.fit.verdict import Verdict
 from jaxrt.io.image import load_image
 from jaxrt.selectors import Selector, material_names
-from jaxrt.writing import write_whole
+from jaxrt.writing import write_text, write_whole
 
 Floats = NDArray[np.floating]
 
@@ -67,7 +67,7 @@ def write_scene(
         # Names of files stay right in another folder
         mesh["file"] = Path(os.path.relpath(source.parent / str(mesh["file"]), path.parent)).as_posix()
     text = tomlkit.dumps(document)
-    write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
+    write_text(path, text)
 
 
 def _rounded(value: Floats) -> Any:
@@ -100,7 +100,7 @@ def _place(document: Any, selector: Selector, text: str, scene: SceneDescription
 def write_report(path: Path, report: Mapping[str, Any]) -> None:
     """Write fit.json; numbers that are not finite become null."""
     text = json.dumps(_plain(report), indent=2, allow_nan=False) + "\n"
-    write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
+    write_text(path, text)
 
 
 def _plain(value: Any) -> Any:
@@ -167,7 +167,7 @@ def draw_losses(path: Path, losses: tuple[float, ...]) -> None:
     axes.semilogy(range(1, len(losses) + 1), losses, ".-")
     axes.set(xlabel="step", ylabel="relative MSE", title="loss on the fit's own samples, coarse to fine")
     axes.grid(alpha=0.3)
-    figure.savefig(path, dpi=120)
+    write_whole(path, lambda file: figure.savefig(file, format="png", dpi=120))
 
 
 def draw_before_after(path: Path, target: Target, before: Floats, after: Floats) -> None:
@@ -189,4 +189,4 @@ def draw_before_after(path: Path, target: Target, before: Floats, after: Floats)
     figure.colorbar(shown, ax=axes[4])
     for place in axes:
         place.set_axis_off()
-    figure.savefig(path, dpi=100)
+    write_whole(path, lambda file: figure.savefig(file, format="png", dpi=100))

@@ -1,8 +1,10 @@
 """Pictures in and out: 8-bit PNG for the eye, float32 EXR for numbers."""
 
 import logging
+from io import BytesIO
 from os import PathLike
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,11 +32,11 @@ def save_image(path: StrPath, image: ArrayLike, exposure: float = 0.0, srgb: boo
 
     PNG: 8 bits, gamma 2.2 (or the sRGB curve), clipped to [0, 1]. EXR: linear float32, not clipped.
     The file appears whole or not at all. Raises ValueError for an unknown suffix, another shape, or a pixel
-    that is not finite.
+    that is not finite, OSError with path and reason where the file cannot be written.
     """
     suffix = check_suffix(path)
     pixels = _check_pixels(image, exposure)
-    write_whole(Path(path), lambda target: _WRITERS[suffix](target, pixels, srgb))
+    write_whole(Path(path), lambda file: _WRITERS[suffix](file, pixels, srgb))
 
 
 def load_image(path: StrPath, srgb: bool = False) -> Pixels:
@@ -67,20 +69,22 @@ def _check_pixels(image: ArrayLike, exposure: float) -> Pixels:
     return exposed
 
 
-def _write_png(path: Path, pixels: Pixels, srgb: bool) -> None:
+def _write_png(file: BinaryIO, pixels: Pixels, srgb: bool) -> None:
     from PIL import Image
 
     encoded = color.srgb_encode(pixels) if srgb else color.gamma_encode(pixels)
     levels = np.rint(255 * np.clip(encoded, 0, 1)).astype(np.uint8)
-    Image.fromarray(levels).save(path, format="PNG")
+    Image.fromarray(levels).save(file, format="PNG")
 
 
-def _write_exr(path: Path, pixels: Pixels, srgb: bool) -> None:
+def _write_exr(file: BinaryIO, pixels: Pixels, srgb: bool) -> None:
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with OpenEXR.File(header, {"RGB": np.ascontiguousarray(pixels)}) as file:
-        file.write(str(path))
+    content = BytesIO()  # the library does not tell what is wrong with a disk
+    with OpenEXR.File(header, {"RGB": np.ascontiguousarray(pixels)}) as picture:
+        picture.write(content)
+    file.write(content.getbuffer())
 
 
 def _read_png(path: Path, srgb: bool) -> Pixels:

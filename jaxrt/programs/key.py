@@ -1,0 +1,70 @@
+"""What determines a compiled program: it is found by this, without tracing."""
+
+import hashlib
+import json
+import os
+import platform
+import subprocess
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+import jax
+import jaxlib
+
+from jaxrt.film import Plan, Run
+from jaxrt.scene import Scene
+
+# Settings of JAX that change no code, or that the structure tells
+BESIDE = ("jax_compilation_cache", "jax_enable_compilation_cache", "jax_log", "jax_num_cpu_devices", "jax_persistent")
+FLAGS = ("XLA_FLAGS", "TF_XLA_FLAGS", "LIBTPU_INIT_ARGS")
+# Lines of /proc/cpuinfo, by which LLVM chooses instructions
+CPU = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags", "Features", "CPU implementer", "CPU part")
+
+
+def key_of(scene: Scene, run: Run, plan: Plan) -> bytes:
+    """Return one line that holds all that determines the program of `draw_sum`, long values by their SHA-256.
+
+    That is the scene's structure and shapes, the plan, this code, versions, settings, and the machine.
+    """
+    leaves, structure = jax.tree.flatten((scene, run))
+    shapes = [(leaf.shape, str(leaf.dtype), leaf.weak_type) for leaf in map(jax.typeof, leaves)]
+    settings = {name: getattr(jax.config, name, None) for name in sorted(jax.config.values)}
+    device = plan.devices[0]
+    key = {
+        "versions": [jax.__version__, jaxlib.__version__, platform.python_version()],
+        "machine": [platform.system(), platform.machine(), *platform.libc_ver(), device.device_kind],
+        "platform": device.client.platform_version,
+        "cpu": _digest(cpu_features()),
+        "flags": {name: os.environ[name] for name in FLAGS if name in os.environ},
+        "settings": _digest(repr({k: v for k, v in settings.items() if not k.startswith(BESIDE)})),
+        "code": code(),
+        "structure": _digest(repr((structure, shapes, plan))),
+    }
+    return json.dumps(key, sort_keys=True).encode()
+
+
+@cache
+def cpu_features() -> str:
+    """Return what the system tells of the kinds of cores that the machine has."""
+    with suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(errors="replace").splitlines()
+        return "\n".join(sorted({line for line in lines if line.split("\t")[0].strip(" :") in CPU}))
+    with suppress(OSError, subprocess.SubprocessError):
+        asked = ["sysctl", "-n", "machdep.cpu.brand_string", "hw.optional"]
+        return subprocess.run(asked, capture_output=True, text=True, timeout=10).stdout
+    return platform.processor()
+
+
+@cache
+def code() -> str:
+    """Return the SHA-256 of jaxrt's own sources."""
+    digest = hashlib.sha256()
+    for source in sorted(Path(__file__).parents[1].rglob("*.py")):
+        content = source.read_bytes()
+        digest.update(f"{source.name} {len(content)}\n".encode() + content)
+    return digest.hexdigest()
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
