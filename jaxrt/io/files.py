@@ -10,7 +10,7 @@ from pathlib import Path
 from jaxrt.messages import SceneError, show
 
 MIB = 2**20
-SCENE_BYTES = 64 * MIB  # the most that a file of each kind may have, unless the variable says otherwise
+SCENE_BYTES = 32 * MIB  # the most that a file of each kind may have, unless the variable says otherwise
 MESH_BYTES = 2048 * MIB
 PICTURE_BYTES = 1024 * MIB
 LIMIT_VARIABLE = "JAXRT_MAX_FILE_SIZE"  # in MiB
