@@ -11,7 +11,7 @@ from jax.typing import ArrayLike
 
 from jaxrt.description import SceneError, nearest
 from jaxrt.materials import Materials
-from jaxrt.scene import Scene
+from jaxrt.scene import Scene, check_scene
 from jaxrt.shapes.sphere import exact_power
 
 _PLACES = {"lights.position", "spheres.center", "meshes.vertices", "camera.position", "camera.target"}
@@ -25,6 +25,7 @@ def parameters(scene: Scene) -> dict[str, Array]:
     (3,), camera.target (3,), camera.fov () in degrees, environment.radiance (3,). Only what the scene has is there:
     no `lights.radius` where every light is a point.
     """
+    check_scene(scene)
     p: dict[str, Array] = {}
     if scene.lights is not None:
         p |= {"lights.position": scene.lights.position, "lights.intensity": scene.lights.intensity}

@@ -17,7 +17,7 @@ from jaxrt.film import Plan, Run
 from jaxrt.interior import draw
 from jaxrt.path import tables_of
 from jaxrt.samplers import SAMPLERS, seed_from_key
-from jaxrt.scene import Scene
+from jaxrt.scene import Scene, check_scene
 
 CPU_TILE = (16, 8)  # pixels of a packet on a CPU: its values stay in the first-level cache
 WIDE_TILE = (512, 128)  # on accelerators, which want many lanes at once
@@ -63,6 +63,7 @@ def render(
     random numbers of derivatives and how many samples a pixel they take. By default those of the picture; with another
     key, gradients of losses are unbiased. Raises ValueError for an unknown sampler and for counts out of range.
     """
+    check_scene(scene)
     spp = _count("spp", scene.defaults.spp if spp is None else spp)
     gradient_spp = _count("gradient_spp", spp if gradient_spp is None else gradient_spp)
     _count("boundary_samples", boundary_samples, least=0)
@@ -118,6 +119,7 @@ def prepare(
     devices: Sequence[jax.Device] | None = None,
 ) -> tuple[Scene, Run, Plan]:
     """Return the arguments of `draw_sum` from those of `render_sum`, checked."""
+    check_scene(scene)
     max_depth = _count("max_depth", scene.defaults.max_depth if max_depth is None else max_depth)
     if sampler not in SAMPLERS:
         raise ValueError(f"render: unknown sampler {sampler!r}{nearest(sampler, SAMPLERS)}")

@@ -5,6 +5,7 @@
 
 import warnings
 from collections.abc import Mapping
+from os import PathLike
 from typing import Any
 
 import jax.numpy as jnp
@@ -18,8 +19,10 @@ from jaxrt.description import (
     CameraDescription,
     RenderDefaults,
     SceneDescription,
+    SceneError,
     SceneWarning,
     parse_description,
+    show,
 )
 from jaxrt.lights import Lights
 from jaxrt.materials import Diffuse, Glass, Materials, Mirror
@@ -43,12 +46,25 @@ class Scene:
     defaults: RenderDefaults = static()  # what `render` uses for spp and max_depth when not told
 
 
+class NoSceneError(SceneError, TypeError):
+    """Something else than a scene stands where one is wanted."""
+
+
+def check_scene(scene: object) -> None:
+    """Raise NoSceneError for anything but a scene."""
+    if not isinstance(scene, Scene):
+        remedy = "jaxrt.load_scene(path)" if isinstance(scene, str | PathLike) else "what jaxrt.build returns"
+        raise NoSceneError(f"scene: {show(scene)} is no Scene: pass {remedy}")
+
+
 def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = jnp.float32) -> Scene:
     """Return the scene that a description, or a mapping shaped like a scene file, tells of.
 
     dtype: float32, or float64 under `jax_enable_x64`. A far-off scene is moved to the origin in float64 first, since
     float32 coordinates near 1e6 are 1/16 apart. Raises SceneError; warns SceneWarning of what is probably a mistake.
     """
+    if isinstance(description, str | PathLike):
+        raise NoSceneError(f"build: {show(description)} is the name of a file: use jaxrt.load_scene")
     if not isinstance(description, SceneDescription):
         description = parse_description(description)
     check_memory(description.camera.width, description.camera.height)

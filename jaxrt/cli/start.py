@@ -33,7 +33,7 @@ def check_output(path: Path) -> None:
 
 def described(args: argparse.Namespace) -> SceneDescription:
     """Return the scene's description, with what the arguments override."""
-    description = read_description(args.scene)
+    description = read_description(args.scene, args.allow_folder)
     size = {k: v for k in ("width", "height") if (v := getattr(args, k)) is not None}
     drawn = {k: v for k in ("spp", "max_depth") if (v := getattr(args, k)) is not None}
     camera = description.camera.model_copy(update=size)
@@ -47,9 +47,17 @@ def usable_cores() -> int:
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
+def _present(cores: int) -> int:
+    """Return at most the cores that there are: XLA's threads for a thousand more end the process."""
+    most = usable_cores()
+    if cores > most:
+        warn(f"--cores {cores}: this machine has {most}, taking these")
+    return min(cores, most)
+
+
 def start_jax(cores: int) -> Path | None:
     """Give JAX the cores, and return the folder that keeps compiled programs between runs, if it can be written."""
-    use_cpu_cores(cores)
+    use_cpu_cores(_present(cores))
     # Tracing makes many objects that live as long as this short process: collecting them costs a tenth of the start
     gc.disable()
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jaxrt"
