@@ -36,7 +36,7 @@ def print_anything() -> None:
 
 
 def told(error: Exception) -> int:
-    """Print what ended a command in one line, and return the exit status; with JAXRT_TRACEBACK=1, where it arose too."""
+    """Print what ended a command in one line, with JAXRT_TRACEBACK=1 also where, and return the exit status."""
     if os.environ.get("JAXRT_TRACEBACK"):
         traceback.print_exception(error)
     status, text = _verdict(error)
@@ -55,8 +55,6 @@ def _verdict(error: Exception) -> tuple[int, str]:
         return BAD_INPUT, "the scene is nested too deeply: flatten it"
     if isinstance(error, OSError):
         return BAD_INPUT, _of_system(error)
-    if text.startswith("Unable to initialize backend"):
-        return BAD_INPUT, f"JAX_PLATFORMS: {text}: unset it, or install JAX for that device"
     return INTERNAL, f"internal error: {type(error).__name__}: {text}: please report it, with JAXRT_TRACEBACK=1 set"
 
 

@@ -74,12 +74,24 @@ def start_jax(cores: int) -> Path | None:
     return folder
 
 
+def check_devices() -> None:
+    """Refuse to go on where JAX has no device, as where JAX_PLATFORMS names one that is not there."""
+    try:
+        jax.devices()
+    except Exception as error:  # RuntimeError for some platforms, AssertionError for others
+        reason = show(str(error)) if str(error) else type(error).__name__
+        raise UsageError(
+            f"JAX finds no device ({reason}): unset JAX_PLATFORMS, or install JAX for that device"
+        ) from None
+
+
 def warn(message: object) -> None:
     print(f"jaxrt: warning: {message}", file=sys.stderr)
 
 
 def built(description: SceneDescription, warn: Callable[[object], None] = warn) -> Scene:
     """Return the scene, handing its warnings to `warn`."""
+    check_devices()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", SceneWarning)
         scene = build(description)

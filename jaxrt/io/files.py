@@ -1,9 +1,9 @@
-"""Reading files: regular ones alone, of bounded size, from folders that may be read from; errors name the remedy."""
+"""Reading files: regular ones alone, of bounded size; errors name the file and the remedy."""
 
 import difflib
 import os
 import stat
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 
@@ -60,7 +60,7 @@ def _check_kind(path: Path, status: os.stat_result, thing: str) -> None:
     if stat.S_ISDIR(status.st_mode):
         raise SceneError(f"{path}: is a folder: name {thing} in it")
     if not stat.S_ISREG(status.st_mode):
-        raise SceneError(f"{path}: is a device, pipe or socket: copy it to a regular file")
+        raise SceneError(f"{path}: is a pipe or a device, no regular file: copy its content to a file")
 
 
 def check_size(path: Path, size: int, limit: int, what: str = "has") -> None:
@@ -77,24 +77,6 @@ def check_size(path: Path, size: int, limit: int, what: str = "has") -> None:
             f"{path}: {what} {needed} MiB, {limit / MIB:g} MiB are allowed: make it smaller, or set "
             f"{LIMIT_VARIABLE}={needed}"
         )
-
-
-def inside(path: Path, folder: Path, allow_folders: Iterable[StrPath] = ()) -> Path:
-    """Return `path`, which a file in `folder` names, where it lies in that folder, one of `allow_folders`, or below.
-
-    All links are resolved first. Raises SceneError elsewhere.
-    """
-    try:
-        place = path.resolve()
-        if any(place.is_relative_to(Path(each).resolve()) for each in (folder, *allow_folders)):
-            return path
-    except (OSError, RuntimeError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise SceneError(f"{path}: cannot be read ({reason}): check the name") from None
-    raise SceneError(
-        f"{path}: lies outside of {show(str(folder))}, the folder of the file that names it: move it there, or "
-        f"pass --allow-folder {place.parent} (from Python: allow_folders)"
-    )
 
 
 def _nearest(path: Path, suffixes: Sequence[str], remedy: str) -> str:

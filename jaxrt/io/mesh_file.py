@@ -1,7 +1,6 @@
 """Mesh files: OBJ, PLY, STL, GLB and OFF to vertices and faces, read by trimesh and checked here."""
 
 import io
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -9,6 +8,7 @@ import numpy as np
 
 from jaxrt.description import SceneError, nearest, show
 from jaxrt.io.files import StrPath, read_bytes
+from jaxrt.io.folders import Folders
 from jaxrt.io.mtl import materials_of
 from jaxrt.io.obj import PlainObj, explain_obj, face_line, plain_obj
 from jaxrt.io.off import plain_off
@@ -24,7 +24,7 @@ class _Soup(NamedTuple):
     faces: Ints  # (n, 3)
 
 
-def load_mesh(path: StrPath, materials: bool = True, allow_folders: Iterable[StrPath] = ()) -> dict[str, Any]:
+def load_mesh(path: StrPath, materials: bool = True, allow_folders: Folders = ()) -> dict[str, Any]:
     """Return the mesh in a file as a table of `[[meshes]]`: `file`, `vertices` (v, 3) float64, `faces` (n, 3) int64.
 
     Vertices keep the order of the file; those of an STL file that share a place become one. An OBJ file that uses the

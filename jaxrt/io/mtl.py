@@ -1,21 +1,21 @@
 """MTL files beside OBJ files: `Kd` becomes a diffuse material."""
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jaxrt.description import SceneError, nearest, show
-from jaxrt.io.files import SCENE_BYTES, StrPath, inside, read_bytes
+from jaxrt.io.files import SCENE_BYTES, read_bytes
+from jaxrt.io.folders import Folders, named_file
 from jaxrt.io.obj import PlainObj
 
 
-def materials_of(obj: PlainObj, path: Path, faces: int, allow_folders: Iterable[StrPath] = ()) -> dict[str, Any]:
+def materials_of(obj: PlainObj, path: Path, faces: int, allow_folders: Folders = ()) -> dict[str, Any]:
     """Return `materials` and `face_materials` (n,) of an OBJ file. Raises SceneError for what is missing or unsound."""
     colors: dict[str, list[float]] = {}
     for library in obj.libraries:
-        colors |= _read_library(inside(path.parent / library, path.parent, allow_folders))
+        colors |= _read_library(named_file(library, path, "mtllib", allow_folders))
     first = obj.uses[0][0]
     if first > 0:
         raise SceneError(f"{path}: the first {first} faces come before any usemtl: name a material in the scene file")

@@ -3,12 +3,12 @@
 import codecs
 import re
 import tomllib
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from jaxrt.description import SceneDescription, SceneError, parse_description, show
-from jaxrt.io.files import SCENE_BYTES, StrPath, inside, read_bytes
+from jaxrt.io.files import SCENE_BYTES, StrPath, read_bytes
+from jaxrt.io.folders import Folders, named_file
 from jaxrt.io.mesh_file import load_mesh
 
 DEEPEST = 64  # parts of a dotted key; what tomllib does with more grows with their square
@@ -17,7 +17,7 @@ _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
 _DOTTED = re.compile(rf"(?<![\w-])(?:{_PART}\.[ \t]*+){{{DEEPEST}}}")
 
 
-def read_description(path: StrPath, allow_folders: Iterable[StrPath] = ()) -> SceneDescription:
+def read_description(path: StrPath, allow_folders: Folders = ()) -> SceneDescription:
     """Return the validated description in the TOML file at `path`, with the meshes that it names.
 
     allow_folders: where meshes may lie besides the folder above the file's and all below that.
@@ -32,7 +32,7 @@ def read_description(path: StrPath, allow_folders: Iterable[StrPath] = ()) -> Sc
         raise SceneError(f"{source}: not valid TOML: nested too deeply: flatten it") from None
     except ValueError as error:
         raise SceneError(_describe_syntax(source, str(error))) from None
-    return parse_description(_with_mesh_files(mapping, Path(path).parent, source, tuple(allow_folders)), source)
+    return parse_description(_with_mesh_files(mapping, Path(path), allow_folders), source)
 
 
 def read_text(path: Path) -> str:
@@ -51,32 +51,29 @@ def read_text(path: Path) -> str:
     return text
 
 
-def _with_mesh_files(
-    mapping: dict[str, Any], folder: Path, source: str, allow_folders: tuple[StrPath, ...]
-) -> dict[str, Any]:
+def _with_mesh_files(mapping: dict[str, Any], path: Path, allow_folders: Folders) -> dict[str, Any]:
     """Return the mapping with the arrays of each mesh file in the place of its name."""
     meshes = mapping.get("meshes")
     if not isinstance(meshes, list):
         return mapping
-    read = [_with_mesh_file(mesh, folder, f"{source}: meshes[{i}]", allow_folders) for i, mesh in enumerate(meshes)]
-    return mapping | {"meshes": read}
+    return mapping | {"meshes": [_with_mesh_file(mesh, path, i, allow_folders) for i, mesh in enumerate(meshes)]}
 
 
-def _with_mesh_file(mesh: Any, folder: Path, place: str, allow_folders: tuple[StrPath, ...]) -> Any:
+def _with_mesh_file(mesh: Any, path: Path, number: int, allow_folders: Folders) -> Any:
     if not isinstance(mesh, dict) or "file" not in mesh:
         return mesh
-    file = mesh["file"]
+    file, place = mesh["file"], f"meshes[{number}]"
     if not isinstance(file, str):
-        raise SceneError(f"{place}.file: {show(file)} is not a name: write a string in quotes")
+        raise SceneError(f"{path}: {place}.file: {show(file)} is not a name: write a string in quotes")
     for key in ("vertices", "faces"):
         if key in mesh:
-            raise SceneError(f'{place}: {show(key)} and "file" exclude each other: leave one out')
+            raise SceneError(f'{path}: {place}: {show(key)} and "file" exclude each other: leave one out')
+    # A folder of scenes beside a folder of meshes is usual
+    named = named_file(file, path, f"{place}.file", (path.parent / "..", *allow_folders))
     try:
-        # A folder of scenes beside a folder of meshes is usual
-        path = inside(folder / file, folder, (folder / "..", *allow_folders))
-        return load_mesh(path, materials="material" not in mesh, allow_folders=allow_folders) | mesh
+        return load_mesh(named, "material" not in mesh, allow_folders) | mesh
     except SceneError as error:
-        raise SceneError(f"{place}.file: {error}") from None
+        raise SceneError(f"{path}: {place}.file: {error}") from None
 
 
 def _describe_syntax(source: str, message: str) -> str:
