@@ -151,12 +151,12 @@ def read_progress(path: Path, unknowns: Unknowns) -> Progress:
     data = read_bytes(path, (".json",), limit=SCENE_BYTES)
     try:
         report = json.loads(data)
-        names, progress = list(report["parameters"]), report["progress"]
+        names, progress = list(report["parameters"].keys()), report["progress"]
         vector, losses, stage = _numbers(progress["vector"]), _numbers(progress["losses"]), progress["stage"]
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         raise FitError(f"{path}: is no report of a fit: nothing to resume, leave out --resume") from None
     if names != [row.text for row in unknowns.rows]:
-        raise FitError(f"{path}: is of another fit, of {', '.join(names)}: name the same --parameters")
+        raise FitError(f"{path}: is of another fit, of {show(', '.join(names))}: name the same --parameters")
     if len(vector) != sum(row.size for row in unknowns.rows):
         raise FitError(f"{path}: has {len(vector)} unknowns where the fit has others: leave out --resume")
     if type(stage) is not int or not 0 <= stage <= len(STAGES):

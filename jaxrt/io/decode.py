@@ -3,6 +3,7 @@
 import io
 import os
 import struct
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
@@ -27,6 +28,7 @@ def decode_png(path: Path, data: bytes, srgb: bool) -> Pixels:
         raise ValueError("is no PNG file")
     width, height = struct.unpack_from(">2I", data, len(PNG_START))
     check_size(path, width * height * 12, PICTURE_BYTES, "decodes to")
+    _check_chunks(data)
     # Image.open would try all kinds of files that Pillow knows
     with PngImageFile(io.BytesIO(data)) as picture:
         # Pillow's conversion to RGB clips 16 bits of grey to 8
@@ -36,6 +38,22 @@ def decode_png(path: Path, data: bytes, srgb: bool) -> Pixels:
     table = (color.srgb_decode(shades) if srgb else color.gamma_decode(shades)).astype(np.float32)
     picked = table[levels]
     return np.repeat(picked[..., None], 3, axis=-1) if grey else picked
+
+
+def _check_chunks(data: bytes) -> None:
+    """Raise ValueError where a chunk is cut off or damaged: Pillow makes what it can of such pixels."""
+    place, kind = 8, b""
+    while kind != b"IEND":
+        if place + 12 > len(data):
+            raise ValueError("is cut off")
+        size, kind = struct.unpack_from(">I4s", data, place)
+        end = place + 8 + size
+        if end + 4 > len(data):
+            raise ValueError("is cut off")
+        # Those in lower case are notes that pixels do not depend on
+        if kind[:1].isupper() and zlib.crc32(data[place + 4 : end]) != int.from_bytes(data[end : end + 4]):
+            raise ValueError(f"its chunk {kind.decode('latin-1')} is damaged")
+        place = end + 4
 
 
 def decode_exr(path: Path, data: bytes) -> Pixels:
