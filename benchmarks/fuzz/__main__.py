@@ -5,16 +5,15 @@ Prints for each kind how many were read, refused in one line, and had a fault; t
 
 import argparse
 import faulthandler
-import importlib.util
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from benchmarks.fuzz import pictures, reports, scenes
-from benchmarks.fuzz.judge import Case, run, traps
+from benchmarks.fuzz.judge import run, traps
 from benchmarks.fuzz.values import BOX
 
 
@@ -52,13 +51,6 @@ def report_reader(scene_file: Path) -> Callable[[Path], Any]:
     scene, name = jaxrt.load_scene(scene_file), "lights.position[0]"
     unknowns = unknowns_of(scene, {name: parse_selector(name, scene)})
     return lambda path: read_progress(path, unknowns)
-
-
-def _mesh_cases(seed: int, n: int) -> Iterable[Case]:
-    """Return cases of mesh files, which have a module of their own."""
-    if n == 0 or importlib.util.find_spec("benchmarks.fuzz.meshes") is None:
-        return []
-    return importlib.import_module("benchmarks.fuzz.meshes").mutations(seed, n)  # type: ignore[no-any-return]
 
 
 def main() -> int:
