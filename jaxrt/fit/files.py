@@ -156,7 +156,7 @@ def read_progress(path: Path, unknowns: Unknowns) -> Progress:
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         raise FitError(f"{path}: is no report of a fit: nothing to resume, leave out --resume") from None
     if names != [row.text for row in unknowns.rows]:
-        raise FitError(f"{path}: is of another fit, of {show(', '.join(names))}: name the same --parameters")
+        raise FitError(f"{path}: is of another fit, of {', '.join(names)[:100]}: name the same --parameters")
     if len(vector) != sum(row.size for row in unknowns.rows):
         raise FitError(f"{path}: has {len(vector)} unknowns where the fit has others: leave out --resume")
     if type(stage) is not int or not 0 <= stage <= len(STAGES):
