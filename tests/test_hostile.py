@@ -98,6 +98,9 @@ def test_l6_what_a_file_names_lies_in_its_folder_or_below(tmp_path):
         with pytest.raises(SceneError, match=r"a\.obj: line 1: .* lies outside of .* --allow-folder "):
             named_file(name, owner, "line 1")
         assert named_file(name, owner, "line 1", [(home / name).resolve().parent]) == home / name
+    with pytest.raises(SceneError, match="lies outside of"):
+        named_file("/etc/shadow", owner, "line 1", str(other))  # one folder, not its letters
+    assert named_file(str(other / "c.mtl"), owner, "line 1", str(other)) == other / "c.mtl"
     for name in ("loop", "a\0b", "x" * 5000):
         with pytest.raises(SceneError) as told, no_hang():
             read_bytes(named_file(name, owner, "line 1"), (".mtl",))

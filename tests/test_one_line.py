@@ -92,6 +92,22 @@ def test_s8_characters_that_the_terminal_lacks_are_escaped(tmp_path, monkeypatch
     assert b"b\\xe4ll\\udcff.toml" in page.buffer.getvalue() and b"fov 60\\xb0" in page.buffer.getvalue()
 
 
+def test_s8_names_neither_draw_on_the_terminal_nor_break_lines(tmp_path, monkeypatch, capsys):
+    name = '"\\u001b[2J[red]x\\n\\u202ey"'
+    text = (
+        BALL.replace("materials.white", f"materials.{name}")
+        .replace('"white"', name)
+        .replace("radius   = 10", "radius = 31")
+    )
+    working_folder(tmp_path, monkeypatch, text)
+    monkeypatch.setenv("COLUMNS", "200")
+    status, out, _ = run(capsys, "info", "ball.toml")
+    assert status == 0 and out.count("\\x1b[2J[red]x\\n\\u202ey") == 2 and "warning: lights[0] is " in out
+    assert out.replace("\n", "").isprintable()
+    start.warn("a\nb\x1b[31m")
+    assert capsys.readouterr().err == "jaxrt: warning: a\\nb\\x1b[31m\n"
+
+
 def test_s9_what_is_no_scene_is_refused_in_one_line():
     for use in (lambda x: jaxrt.render(x, 0), jaxrt.parameters, lambda x: jaxrt.with_parameters(x, {}), jaxrt.build):
         with pytest.raises(SceneError, match=r'"a\.toml" .*jaxrt\.load_scene') as told:

@@ -107,7 +107,7 @@ def _integer(low: int, high: int) -> Callable[[str], int]:
         except ValueError:
             raise argparse.ArgumentTypeError(f"{show(text)} is not a whole number") from None
         if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{value} is out of range, use {low} to {high}")
+            raise argparse.ArgumentTypeError(f"{show(value)} is out of range, use {low} to {high}")
         return value
 
     return convert
@@ -119,5 +119,5 @@ def _real(text: str) -> float:
     except ValueError:
         raise argparse.ArgumentTypeError(f"{show(text)} is not a number") from None
     if not abs(value) <= 100:
-        raise argparse.ArgumentTypeError(f"{text} is out of range, use -100 to 100 stops")
+        raise argparse.ArgumentTypeError(f"{text[:60]} is out of range, use -100 to 100 stops")
     return value

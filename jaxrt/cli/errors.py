@@ -1,6 +1,7 @@
 """Refusals and failures of the command line: one line each."""
 
 import os
+import re
 import sys
 import traceback
 from collections.abc import Iterator
@@ -49,7 +50,7 @@ def _verdict(error: Exception) -> tuple[int, str]:
     text = str(error)
     if isinstance(error, SceneError | UsageError):
         return BAD_INPUT, text
-    if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in text:
+    if isinstance(error, MemoryError) or re.search("RESOURCE_EXHAUSTED|bad_alloc", text):
         return BAD_INPUT, "memory: there is not enough of it: lower width and height, or the number of faces"
     if isinstance(error, RecursionError):
         return BAD_INPUT, "the scene is nested too deeply: flatten it"

@@ -15,6 +15,7 @@ from jaxrt.cli.errors import UsageError, refusing
 from jaxrt.description import SceneDescription, SceneWarning, show
 from jaxrt.io.image import check_suffix
 from jaxrt.io.scene_file import read_description
+from jaxrt.messages import one_line
 from jaxrt.render import use_cpu_cores
 from jaxrt.scene import Scene, build
 
@@ -86,7 +87,7 @@ def check_devices() -> None:
 
 
 def warn(message: object) -> None:
-    print(f"jaxrt: warning: {message}", file=sys.stderr)
+    print(f"jaxrt: warning: {one_line(str(message))}", file=sys.stderr)
 
 
 def built(description: SceneDescription, warn: Callable[[object], None] = warn) -> Scene:

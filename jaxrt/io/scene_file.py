@@ -8,7 +8,7 @@ from typing import Any
 
 from jaxrt.description import SceneDescription, SceneError, parse_description, show
 from jaxrt.io.files import SCENE_BYTES, StrPath, read_bytes
-from jaxrt.io.folders import Folders, named_file
+from jaxrt.io.folders import Folders, folders_of, named_file
 from jaxrt.io.mesh_file import load_mesh
 
 DEEPEST = 64  # parts of a dotted key; what tomllib does with more grows with their square
@@ -32,7 +32,7 @@ def read_description(path: StrPath, allow_folders: Folders = ()) -> SceneDescrip
         raise SceneError(f"{source}: not valid TOML: nested too deeply: flatten it") from None
     except ValueError as error:
         raise SceneError(_describe_syntax(source, str(error))) from None
-    return parse_description(_with_mesh_files(mapping, Path(path), allow_folders), source)
+    return parse_description(_with_mesh_files(mapping, Path(path), folders_of(allow_folders)), source)
 
 
 def read_text(path: Path) -> str:
