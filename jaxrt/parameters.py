@@ -12,7 +12,7 @@ from jax.typing import ArrayLike
 from jaxrt.description import SceneError, nearest
 from jaxrt.materials import Diffuse, Glass, Materials, Mirror
 from jaxrt.native import local
-from jaxrt.scene import Idle, Scene, require_scene
+from jaxrt.scene import Idle, Scene, check_scene
 from jaxrt.shapes.sphere import exact_power
 
 _PLACES = {"lights.position", "spheres.center", "meshes.vertices", "camera.position", "camera.target"}
@@ -26,7 +26,7 @@ def parameters(scene: Scene) -> dict[str, Array]:
     (3,), camera.target (3,), camera.fov () in degrees, environment.radiance (3,). Only what the scene has is there:
     no `lights.radius` where every light is a point.
     """
-    require_scene(scene, "parameters")
+    check_scene(scene)
     scene = local(scene)
     p: dict[str, Array] = {}
     if scene.lights is not None:
@@ -52,7 +52,7 @@ def with_parameters(scene: Scene, changes: Mapping[str, ArrayLike]) -> Scene:
 
     Values are not checked for range: they may be tracers. Raises SceneError for unknown names and wrong shapes.
     """
-    require_scene(scene, "with_parameters")
+    check_scene(scene)
     scene = local(scene)
     old = parameters(scene)
     for name, value in changes.items():

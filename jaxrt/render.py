@@ -18,7 +18,7 @@ from jaxrt.messages import nearest, show
 from jaxrt.native import as_operand, default_devices, everywhere, local
 from jaxrt.path import tables_of
 from jaxrt.samplers import SAMPLERS, seed_from_key
-from jaxrt.scene import Scene, drawn, require_scene
+from jaxrt.scene import Scene, check_scene, drawn
 
 CPU_TILE = (16, 8)  # pixels of a packet on a CPU: its values stay in the first-level cache
 WIDE_TILE = (512, 128)  # on accelerators, which want many lanes at once
@@ -63,10 +63,10 @@ def render(
     only, which lack what moving visibility edges add; n leaves the picture unchanged to the bit and adds the edge terms
     from n samples, about 4 a pixel (second derivatives then raise ValueError). gradient_key and gradient_spp: the
     random numbers of derivatives and how many samples a pixel they take. By default those of the picture; with another
-    key, gradients of losses are unbiased. Raises TypeError for what is no scene, and ValueError for an unknown sampler
-    and for counts that are out of range or traced.
+    key, gradients of losses are unbiased. Raises NoSceneError (a TypeError) for what is no scene, and ValueError
+    for an unknown sampler and for counts that are out of range or traced.
     """
-    require_scene(scene, "render")
+    check_scene(scene)
     spp = _count("spp", scene.defaults.spp if spp is None else spp)
     gradient_spp = _count("gradient_spp", spp if gradient_spp is None else gradient_spp)
     _count("boundary_samples", boundary_samples, least=0)
@@ -130,7 +130,7 @@ def prepare(
     devices: Sequence[jax.Device] | None = None,
 ) -> tuple[Scene, Run, Plan]:
     """Return the arguments of `draw_sum` from those of `render_sum`, checked."""
-    require_scene(scene, "render")
+    check_scene(scene)
     max_depth = _count("max_depth", scene.defaults.max_depth if max_depth is None else max_depth)
     if sampler not in SAMPLERS:
         raise ValueError(f"render: unknown sampler {sampler!r}{nearest(str(sampler), SAMPLERS)}")

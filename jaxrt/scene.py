@@ -21,13 +21,14 @@ from jaxrt.description import (
     MaterialDescription,
     RenderDefaults,
     SceneDescription,
+    SceneError,
     SceneWarning,
     parse_description,
+    show,
 )
 from jaxrt.lights import Lights
 from jaxrt.materials import Diffuse, Glass, Materials, Mirror
 from jaxrt.mesh_facts import weld
-from jaxrt.messages import show
 from jaxrt.native import default_devices, everywhere
 from jaxrt.pytree import pytree, static
 from jaxrt.shapes import Spheres, Triangles, mesh_edges, topology_of
@@ -58,12 +59,15 @@ class Idle:
     ior: Array | None  # (k,)
 
 
-def require_scene(scene: object, caller: str) -> None:
-    """Raise TypeError where something else stands in a scene's place, such as the path of its file."""
-    if isinstance(scene, Scene):
-        return
-    remedy = "jaxrt.load_scene reads a file" if isinstance(scene, str | PathLike) else "jaxrt.build makes one of tables"
-    raise TypeError(f"{caller}: {show(scene)} is no scene: {remedy}")
+class NoSceneError(SceneError, TypeError):
+    """Something else than a scene stands where one is wanted."""
+
+
+def check_scene(scene: object) -> None:
+    """Raise NoSceneError for anything but a scene."""
+    if not isinstance(scene, Scene):
+        remedy = "jaxrt.load_scene(path)" if isinstance(scene, str | PathLike) else "what jaxrt.build returns"
+        raise NoSceneError(f"scene: {show(scene)} is no Scene: pass {remedy}")
 
 
 def drawn(scene: Scene) -> Scene:
@@ -77,6 +81,8 @@ def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = 
     dtype: float32, or float64 under `jax_enable_x64`. A far-off scene is moved to the origin in float64 first, since
     float32 coordinates near 1e6 are 1/16 apart. Raises SceneError; warns SceneWarning of what is probably a mistake.
     """
+    if isinstance(description, str | PathLike):
+        raise NoSceneError(f"build: {show(description)} is the name of a file: use jaxrt.load_scene")
     if not isinstance(description, SceneDescription):
         description = parse_description(description)
     check_memory(description.camera.width, description.camera.height)

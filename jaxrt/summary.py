@@ -9,6 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from jaxrt.description import Glass, SceneDescription, Solid
+from jaxrt.messages import one_line
 from jaxrt.parameters import parameters
 from jaxrt.scene import Scene
 from jaxrt.shapes import Triangles
@@ -46,7 +47,7 @@ def print_summary(
     shapes = [(name, str(value.shape)) for name, value in parameters(scene).items()]
     console.print(_table("parameters", ("name", "shape"), shapes))
     for message in messages:
-        console.print(f"warning: {escape(message)}", soft_wrap=True)
+        console.print(f"warning: {_plain(message)}", soft_wrap=True)
 
 
 def features(description: SceneDescription) -> tuple[list[str], list[str]]:
@@ -67,15 +68,20 @@ def features(description: SceneDescription) -> tuple[list[str], list[str]]:
 
 
 def _table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
-    table = Table(title=escape(title), title_justify="left", show_header=any(heads))
+    table = Table(title=_plain(title), title_justify="left", show_header=any(heads))
     for head in heads:
         table.add_column(head, overflow="fold")
     rows = list(rows)
     for row in rows[:ROWS]:
-        table.add_row(*map(escape, row))
+        table.add_row(*map(_plain, row))
     if len(rows) > ROWS:
         table.add_row(f"and {len(rows) - ROWS} more")
     return table
+
+
+def _plain(text: str) -> str:
+    """Return text that is neither markup nor a command to the terminal, whoever chose the names in it."""
+    return escape(one_line(text))
 
 
 def _numbers(values: Iterable[float]) -> str:

@@ -34,9 +34,16 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
+def _add_scene(parser: argparse.ArgumentParser, text: str = "scene file (TOML)") -> None:
+    parser.add_argument("scene", type=Path, metavar="SCENE", help=text)
+    parser.add_argument(
+        "--allow-folder", type=Path, action="append", default=[], metavar="DIR", help="where more meshes may lie"
+    )
+
+
 def _add_render(parser: argparse.ArgumentParser) -> None:
     count, seed = _integer(1, COUNT_MAX), _integer(0, SEED_MAX)
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
+    _add_scene(parser)
     parser.add_argument("-o", "--output", type=Path, help="picture (.png or .exr); SCENE's name with .png")
     parser.add_argument("--spp", type=count, metavar="N", help="samples per pixel")
     parser.add_argument("--max-depth", type=count, metavar="D", help="scattering events along a path")
@@ -50,7 +57,7 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_info(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
+    _add_scene(parser)
 
 
 def _add_diff(parser: argparse.ArgumentParser) -> None:
@@ -62,7 +69,7 @@ def _add_diff(parser: argparse.ArgumentParser) -> None:
 
 def _add_gradcheck(parser: argparse.ArgumentParser) -> None:
     count, seed = _integer(1, COUNT_MAX), _integer(0, SEED_MAX)
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
+    _add_scene(parser)
     parser.add_argument("parameter", metavar="NAME[ROW]", help="such as lights.position[0] or materials.albedo[white]")
     parser.add_argument("-o", "--output", type=Path, help="picture: finite differences | interior only | with edges")
     parser.add_argument("--spp", type=count, metavar="N", help="samples per pixel (256)")
@@ -79,7 +86,7 @@ def _add_gradcheck(parser: argparse.ArgumentParser) -> None:
 
 def _add_fit(parser: argparse.ArgumentParser) -> None:
     count, seed = _integer(1, COUNT_MAX), _integer(0, SEED_MAX)
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML), with the values to start from")
+    _add_scene(parser, "scene file (TOML), with the values to start from")
     parser.add_argument("target", type=Path, metavar="TARGET", help="the picture to match: .exr, or .png (linearised)")
     parser.add_argument("--parameters", nargs="+", required=True, metavar="NAME[ROW]", help="what to recover")
     parser.add_argument("-o", "--output", type=Path, help="folder of the results (SCENE's name with _fit)")
@@ -100,7 +107,7 @@ def _integer(low: int, high: int) -> Callable[[str], int]:
         except ValueError:
             raise argparse.ArgumentTypeError(f"{show(text)} is not a whole number") from None
         if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{value} is out of range, use {low} to {high}")
+            raise argparse.ArgumentTypeError(f"{show(value)} is out of range, use {low} to {high}")
         return value
 
     return convert
@@ -112,5 +119,5 @@ def _real(text: str) -> float:
     except ValueError:
         raise argparse.ArgumentTypeError(f"{show(text)} is not a number") from None
     if not abs(value) <= 100:
-        raise argparse.ArgumentTypeError(f"{text} is out of range, use -100 to 100 stops")
+        raise argparse.ArgumentTypeError(f"{text[:60]} is out of range, use -100 to 100 stops")
     return value

@@ -10,5 +10,6 @@ from jaxrt.fit.command import run_fit
 
 def run(args: argparse.Namespace) -> int:
     start.start_jax(args.cores or usable_cores())
+    start.check_devices()
     with refusing():
         return run_fit(args)

@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Callable
 from contextlib import ExitStack
-from pathlib import Path
 
 from jaxrt.cli import start
 from jaxrt.cli.errors import refusing
@@ -22,7 +21,7 @@ def run(args: argparse.Namespace) -> int:
     if args.output is not None:
         check_output(args.output)
     if args.width is None and args.height is None:
-        args.width, args.height = _check_size(args.scene)
+        args.width, args.height = _check_size(args)
     args.spp = args.spp or CHECK_SPP
     description = described(args)
     start.start_jax(args.cores or usable_cores())
@@ -46,8 +45,8 @@ def run(args: argparse.Namespace) -> int:
     return 0 if found.verdict == "agrees" else 1
 
 
-def _check_size(path: Path) -> tuple[int, int]:
+def _check_size(args: argparse.Namespace) -> tuple[int, int]:
     """Return width and height of the scene's picture, made small."""
-    camera = read_description(path).camera
+    camera = read_description(args.scene, args.allow_folder).camera
     share = min(1, CHECK_SIDE / max(camera.width, camera.height))
     return max(1, round(camera.width * share)), max(1, round(camera.height * share))

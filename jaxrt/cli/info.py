@@ -12,7 +12,7 @@ from jaxrt.summary import print_summary
 
 
 def run(args: argparse.Namespace) -> None:
-    description = read_description(args.scene)
+    description = read_description(args.scene, args.allow_folder)
     check_memory(description.camera.width, description.camera.height, str(args.scene))
     folder = start.start_jax(usable_cores())
     messages: list[object] = []

@@ -23,7 +23,7 @@ Image = NDArray[np.float32]
 
 
 def run(args: argparse.Namespace) -> None:
-    output = args.output or Path(args.scene.with_suffix(".png").name)
+    output = args.output or Path(f"{args.scene.stem or 'scene'}.png")
     check_output(output)
     description = described(args)
     began = time.perf_counter()

@@ -8,11 +8,14 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
+import jax
+
 from jaxrt.checks import check_memory
 from jaxrt.cli.errors import UsageError, refusing
 from jaxrt.description import SceneDescription, SceneWarning, show
 from jaxrt.io.image import check_suffix
 from jaxrt.io.scene_file import read_description
+from jaxrt.messages import one_line
 from jaxrt.programs import NotPrivate, cache_folder, lend_jax_files, private_folder
 from jaxrt.render import use_cpu_cores
 from jaxrt.scene import Scene, build
@@ -34,7 +37,7 @@ def check_output(path: Path) -> None:
 
 def described(args: argparse.Namespace) -> SceneDescription:
     """Return the scene's description, with what the arguments override."""
-    description = read_description(args.scene)
+    description = read_description(args.scene, args.allow_folder)
     size = {k: v for k in ("width", "height") if (v := getattr(args, k)) is not None}
     drawn = {k: v for k in ("spp", "max_depth") if (v := getattr(args, k)) is not None}
     camera = description.camera.model_copy(update=size)
@@ -48,9 +51,17 @@ def usable_cores() -> int:
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
+def _present(cores: int) -> int:
+    """Return at most the cores that there are: XLA's threads for a thousand more end the process."""
+    most = usable_cores()
+    if cores > most:
+        warn(f"--cores {cores}: this machine has {most}, taking these")
+    return min(cores, most)
+
+
 def start_jax(cores: int) -> Path | None:
     """Give JAX the cores, and return the private folder that keeps programs between runs, if there is one."""
-    use_cpu_cores(cores)
+    use_cpu_cores(_present(cores))
     # Tracing makes many objects that live as long as this short process: collecting them costs a tenth of the start
     gc.disable()
     folder = None
@@ -68,12 +79,24 @@ def start_jax(cores: int) -> Path | None:
     return folder
 
 
+def check_devices() -> None:
+    """Refuse to go on where JAX has no device, as where JAX_PLATFORMS names one that is not there."""
+    try:
+        jax.devices()
+    except Exception as error:  # RuntimeError for some platforms, AssertionError for others
+        reason = show(str(error)) if str(error) else type(error).__name__
+        raise UsageError(
+            f"JAX finds no device ({reason}): unset JAX_PLATFORMS, or install JAX for that device"
+        ) from None
+
+
 def warn(message: object) -> None:
-    print(f"jaxrt: warning: {message}", file=sys.stderr)
+    print(f"jaxrt: warning: {one_line(str(message))}", file=sys.stderr)
 
 
 def built(description: SceneDescription, warn: Callable[[object], None] = warn) -> Scene:
     """Return the scene, handing its warnings to `warn`."""
+    check_devices()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", SceneWarning)
         scene = build(description)

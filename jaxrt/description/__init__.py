@@ -18,11 +18,12 @@ from pydantic import (
 
 from jaxrt.description.mesh import MeshDescription
 from jaxrt.description.values import (
+    BRIGHTEST,
     EXAMPLES,
-    FLOAT32_MAX,
     FLOAT32_TINY,
     PARALLEL,
     SHORTEST,
+    TOO_BRIGHT,
     Albedo,
     Count,
     Fov,
@@ -176,11 +177,13 @@ class LightDescription(Table):
         grey = number(value)
         if grey < 0:
             raise complaint(f"{show(value)} is negative: light cannot be, use 0 or more")
+        if grey > BRIGHTEST:
+            raise complaint(f"{show(value)} {TOO_BRIGHT}")
         return (grey, grey, grey)
 
     @model_validator(mode="after")
     def _check_radiance(self) -> Self:
-        if self.radius and max(self.intensity) / (math.pi * self.radius**2) > FLOAT32_MAX:
+        if self.radius and max(self.intensity) / (math.pi * self.radius**2) > BRIGHTEST:
             raise complaint(f"{self.radius} makes the radiance too large for float32: use 0", "radius")
         return self
 
@@ -197,8 +200,9 @@ def _check_types(value: Any) -> Any:
         if "type" not in material:
             raise complaint(f'"type" is missing: add {EXAMPLES["type"]}', str(name))
         if material["type"] not in MATERIALS:
-            hint = nearest(str(material["type"]), MATERIALS)
-            raise complaint(f"unknown material type {show(material['type'])}{hint}", str(name), "type")
+            kind = material["type"]
+            hint = nearest(kind if isinstance(kind, str) else show(kind), MATERIALS)
+            raise complaint(f"unknown material type {show(kind)}{hint}", str(name), "type")
     return value
 
 
@@ -271,6 +275,8 @@ def parse_description(mapping: Mapping[str, Any], source: str = "scene") -> Scen
         return SceneDescription.model_validate(mapping)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
+    except RecursionError:
+        raise SceneError(f"{source}: nested too deeply: flatten it") from None
     context = first.get("ctx", {})
     location = tuple(first["loc"])
     # Drop the material's type, which pydantic puts between its name and its key

@@ -12,6 +12,7 @@ from jaxrt.description.values import (
     LONGEST,
     Name,
     Number,
+    Size,
     Table,
     Vector,
     complaint,
@@ -22,7 +23,7 @@ from jaxrt.description.values import (
 from jaxrt.mesh_facts import Floats, Ints, faces_with_area
 
 Angles = Annotated[tuple[Number, Number, Number], BeforeValidator(three)]
-Scale = Annotated[Number, require(lambda x: x > 0, "is not > 0: use a positive scale")]
+Scale = Annotated[Size, require(lambda x: x > 0, "is not > 0: use a positive scale")]
 
 
 def _array(kind: type, shape: tuple[int, ...], example: str) -> Callable[[Any], NDArray[Any]]:

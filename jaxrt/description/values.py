@@ -14,6 +14,8 @@ FLOAT32_MAX = float(np.finfo(np.float32).max)
 FLOAT32_TINY = float(np.finfo(np.float32).tiny)
 LONGEST = 1e15  # lengths are squared in float32, which ends at 3.4e38
 SHORTEST = 1e-15  # and begins at 1.2e-38
+BRIGHTEST = 1e30  # light is summed over lights, events and samples in float32, which ends at 3.4e38
+TOO_BRIGHT = "is so bright that sums of light overflow float32: use 1e30 or less"
 COUNT_MAX = 2**31 - 1  # sample numbers and pixels are int32
 PARALLEL = 1e-6  # sine of the angle between up and view below which the camera's frame is noise in float32
 
@@ -105,18 +107,31 @@ def require(test: Callable[[np.float32], object], text: str) -> AfterValidator:
 _not_too_long = require(lambda x: abs(x) <= LONGEST, "is too far out for float32: stay within ±1e15")
 _not_too_short = require(lambda x: x == 0 or x >= SHORTEST, "is too small for float32: use 1e-15 or more")
 
+
+def _not_lost(value: float) -> float:
+    """Refuse numbers that are there, but for float32 are not."""
+    if 0 < abs(value) < FLOAT32_TINY:
+        raise complaint(f"{show(value)} is too small for float32: use 1e-15 or more")
+    return value
+
+
 Count = Annotated[int, BeforeValidator(count)]
 Name = Annotated[str, BeforeValidator(string)]
 Number = Annotated[float, BeforeValidator(number)]
+Size = Annotated[Number, AfterValidator(_not_lost)]
 Coordinate = Annotated[Number, _not_too_long]
 Reflectance = Annotated[Number, require(lambda x: 0 <= x <= 1, "is outside [0, 1]: choose an albedo within")]
-Power = Annotated[Number, require(lambda x: x >= 0, "is negative: light cannot be, use 0 or more")]
-Radius = Annotated[Number, require(lambda x: x > 0, "is not > 0: use a positive radius"), _not_too_long, _not_too_short]
-LightRadius = Annotated[
-    Number, require(lambda x: x >= 0, "is negative: use 0 for a point light"), _not_too_long, _not_too_short
+Power = Annotated[
+    Number,
+    require(lambda x: x >= 0, "is negative: light cannot be, use 0 or more"),
+    require(lambda x: x <= BRIGHTEST, TOO_BRIGHT),
 ]
-Ior = Annotated[Number, require(lambda x: x > 0, "is not > 0: glass has about 1.5")]
-Fov = Annotated[Number, require(lambda x: 0 < x < 180, "is not between 0 and 180: choose degrees, such as 60")]
+Radius = Annotated[Size, require(lambda x: x > 0, "is not > 0: use a positive radius"), _not_too_long, _not_too_short]
+LightRadius = Annotated[
+    Size, require(lambda x: x >= 0, "is negative: use 0 for a point light"), _not_too_long, _not_too_short
+]
+Ior = Annotated[Size, require(lambda x: x > 0, "is not > 0: glass has about 1.5")]
+Fov = Annotated[Size, require(lambda x: 0 < x < 180, "is not between 0 and 180: choose degrees, such as 60")]
 Vector = Annotated[tuple[Coordinate, Coordinate, Coordinate], BeforeValidator(three)]
 Albedo = Annotated[tuple[Reflectance, Reflectance, Reflectance], BeforeValidator(three)]
 Rgb = Annotated[tuple[Power, Power, Power], BeforeValidator(three)]
@@ -136,7 +151,9 @@ class Table(BaseModel):
             raise complaint(f"{show(value)} is not a table: write keys and values")
         for key in value:
             if key not in cls.model_fields:
-                raise complaint(f"unknown key {show(key)}{nearest(str(key), cls.model_fields)}")
+                raise complaint(
+                    f"unknown key {show(key)}{nearest(key if isinstance(key, str) else show(key), cls.model_fields)}"
+                )
         for name, field in cls.model_fields.items():
             if field.is_required() and name not in value:
                 raise complaint(f"{show(name)} is missing: add {EXAMPLES[name]}")

@@ -37,7 +37,7 @@ def run_fit(args: argparse.Namespace) -> int:
     Raises SceneError for bad scenes and parameters, ValueError and OSError for a bad target.
     """
     target = load_target(args.target, args.srgb)
-    description = _sized(read_description(args.scene), target, args)
+    description = _sized(read_description(args.scene, args.allow_folder), target, args)
     scene = build(description)
     selectors = _selectors(args.parameters, scene, description)
     unknowns = unknowns_of(scene, selectors)

@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxrt.color import gamma_encode, srgb_encode
-from jaxrt.description import SceneDescription, SceneError
-from jaxrt.fit import Fit, FitError, Progress, Unknowns
+from jaxrt.description import SceneDescription, SceneError, show
+from jaxrt.fit import STAGES, Fit, FitError, Progress, Unknowns
 from jaxrt.fit.verdict import Verdict
+from jaxrt.io.files import SCENE_BYTES, read_bytes
 from jaxrt.io.image import load_image
+from jaxrt.io.scene_file import read_text
 from jaxrt.selectors import Selector, material_names
 from jaxrt.writing import write_text, write_whole
 
@@ -59,13 +61,14 @@ def write_scene(
     """Write the scene file `source` to `path` with new values, everything else as the user wrote it."""
     import tomlkit
 
-    document = tomlkit.parse(source.read_text(encoding="utf-8"))
+    document = tomlkit.parse(read_text(source))
     for text, value in values.items():
         table, key = _place(document, selectors[text], text, scene)
         table[key] = _rounded(value)
     for mesh in document.get("meshes", []):
         # Names of files stay right in another folder
-        mesh["file"] = Path(os.path.relpath(source.parent / str(mesh["file"]), path.parent)).as_posix()
+        if "file" in mesh:
+            mesh["file"] = Path(os.path.relpath(source.parent / str(mesh["file"]), path.parent)).as_posix()
     text = tomlkit.dumps(document)
     write_text(path, text)
 
@@ -142,20 +145,34 @@ def final_report(unknowns: Unknowns, answer: Fit) -> dict[str, Any]:
 
 
 def read_progress(path: Path, unknowns: Unknowns) -> Progress:
-    """Return the progress that fit.json holds. Raises FitError where it is of another fit, or not there."""
+    """Return the progress that fit.json holds. Raises FitError where it is of another fit, damaged, or not there."""
+    if not os.path.lexists(path):
+        raise FitError(f"{path}: no such file: nothing to resume, leave out --resume")
+    data = read_bytes(path, (".json",), limit=SCENE_BYTES)
     try:
-        report = json.loads(path.read_text(encoding="utf-8"))
-        names, progress = list(report["parameters"]), report["progress"]
-        vector = np.asarray(progress["vector"], np.float32)
-        losses = tuple(float(loss) for loss in progress["losses"])
-        stage = int(progress["stage"])
-    except FileNotFoundError:
-        raise FitError(f"{path}: no such file: nothing to resume, leave out --resume") from None
-    except (ValueError, KeyError, TypeError):
+        report = json.loads(data)
+        names, progress = list(report["parameters"].keys()), report["progress"]
+        vector, losses, stage = _numbers(progress["vector"]), _numbers(progress["losses"]), progress["stage"]
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         raise FitError(f"{path}: is no report of a fit: nothing to resume, leave out --resume") from None
     if names != [row.text for row in unknowns.rows]:
-        raise FitError(f"{path}: is of another fit, of {', '.join(names)}: name the same --parameters")
-    return Progress(len(losses), stage, vector, losses[-1] if losses else math.inf, losses)
+        raise FitError(f"{path}: is of another fit, of {', '.join(names)[:100]}: name the same --parameters")
+    if len(vector) != sum(row.size for row in unknowns.rows):
+        raise FitError(f"{path}: has {len(vector)} unknowns where the fit has others: leave out --resume")
+    if type(stage) is not int or not 0 <= stage <= len(STAGES):
+        raise FitError(f"{path}: stage {show(stage)} is none of a fit: leave out --resume")
+    return Progress(len(losses), stage, np.asarray(vector, np.float32), losses[-1] if losses else math.inf, losses)
+
+
+def _numbers(values: Any) -> tuple[float, ...]:
+    """Return a list of finite numbers of float32. Raises TypeError or ValueError for anything else."""
+    if not isinstance(values, list) or not all(type(value) in (int, float) for value in values):
+        raise TypeError("no list of numbers")
+    with np.errstate(over="ignore"):
+        finite = np.isfinite(np.asarray(values, float).astype(np.float32)).all()
+    if not finite:
+        raise ValueError("not finite")
+    return tuple(float(value) for value in values)
 
 
 def draw_losses(path: Path, losses: tuple[float, ...]) -> None:

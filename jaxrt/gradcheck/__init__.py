@@ -18,7 +18,7 @@ from jaxrt.gradcheck.report import Component, Group, Report, compare
 from jaxrt.parameters import parameters, with_parameters
 from jaxrt.render import prepare, render
 from jaxrt.samplers import seed_from_key
-from jaxrt.scene import Scene, require_scene
+from jaxrt.scene import Scene, check_scene
 from jaxrt.selectors import Selector, select
 
 __all__ = ["Component", "Group", "Report", "gradcheck", "heatmap"]
@@ -57,7 +57,7 @@ def gradcheck(
     difference that is let pass, and the noise that is not. progress: called with the draws done and their number.
     Raises SceneError for an unknown parameter or row, and ValueError for arguments out of range.
     """
-    require_scene(scene, "gradcheck")
+    check_scene(scene)
     selector = select(scene, name, row)
     spp = scene.defaults.spp if spp is None else spp
     max_depth = scene.defaults.max_depth if max_depth is None else max_depth

@@ -1,10 +1,10 @@
 """Files in and out: scene files, meshes and pictures."""
 
-from os import PathLike
-
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 
+from jaxrt.io.files import StrPath
+from jaxrt.io.folders import Folders
 from jaxrt.io.image import load_image, save_image
 from jaxrt.io.mesh_file import load_mesh
 from jaxrt.io.scene_file import read_description
@@ -13,6 +13,10 @@ from jaxrt.scene import Scene, build
 __all__ = ["load_image", "load_mesh", "load_scene", "read_description", "save_image"]
 
 
-def load_scene(path: str | PathLike[str], dtype: DTypeLike = jnp.float32) -> Scene:
-    """Return the scene in the TOML file at `path`. Errors, warnings, `dtype`: as for `jaxrt.build`."""
-    return build(read_description(path), dtype)
+def load_scene(path: StrPath, dtype: DTypeLike = jnp.float32, allow_folders: Folders = ()) -> Scene:
+    """Return the scene in the TOML file at `path`.
+
+    Errors, warnings, `dtype`: as for `jaxrt.build`. allow_folders: from where its meshes and their materials may come
+    besides the folder above the file's and all below that.
+    """
+    return build(read_description(path, allow_folders), dtype)

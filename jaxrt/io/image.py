@@ -1,21 +1,21 @@
 """Pictures in and out: 8-bit PNG for the eye, float32 EXR for numbers."""
 
 import logging
+import os
 from io import BytesIO
-from os import PathLike
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from jaxrt import color
+from jaxrt.io.decode import Pixels, decode_exr, decode_png
+from jaxrt.io.files import PICTURE_BYTES, StrPath, read_bytes
+from jaxrt.messages import SceneError, one_line
 from jaxrt.writing import write_whole
 
 logger = logging.getLogger(__name__)
-
-Pixels = NDArray[np.float32]
-StrPath = str | PathLike[str]
 
 
 def check_suffix(path: StrPath) -> str:
@@ -43,15 +43,25 @@ def load_image(path: StrPath, srgb: bool = False) -> Pixels:
     """Return the (H, W, 3) float32 linear picture in a .png or .exr file.
 
     PNG holds display values: they are linearised by gamma 2.2, or by the sRGB curve, and that is logged.
-    Alpha is dropped. Raises ValueError for an unknown suffix or a broken file, FileNotFoundError for none.
+    Alpha is dropped. Raises ValueError for an unknown suffix, for what is broken or too large, FileNotFoundError for
+    no file.
     """
     suffix = check_suffix(path)
-    if not Path(path).is_file():
+    path = Path(path)
+    if not os.path.lexists(path):
         raise FileNotFoundError(f"{path}: no such file: check the path")
+    data = read_bytes(path, tuple(_WRITERS), "a picture", limit=PICTURE_BYTES)
     try:
-        return _READERS[suffix](Path(path), srgb)
-    except (OSError, RuntimeError, KeyError, SyntaxError) as error:
-        raise ValueError(f"{path}: cannot be read as {suffix} ({error}): check the file") from None
+        if suffix == ".exr":
+            return decode_exr(path, data)
+        pixels = decode_png(path, data, srgb)
+    except (SceneError, MemoryError):
+        raise
+    except Exception as error:  # whatever a decoder trips over in a broken file
+        reason = str(error) or type(error).__name__
+        raise ValueError(one_line(f"{path}: cannot be read as {suffix} ({reason}): check the file")) from None
+    logger.info("%s: display values, linearised by %s", path, "the sRGB curve" if srgb else "gamma 2.2")
+    return pixels
 
 
 def _check_pixels(image: ArrayLike, exposure: float) -> Pixels:
@@ -87,23 +97,4 @@ def _write_exr(file: BinaryIO, pixels: Pixels, srgb: bool) -> None:
     file.write(content.getbuffer())
 
 
-def _read_png(path: Path, srgb: bool) -> Pixels:
-    from PIL import Image
-
-    with Image.open(path) as picture:
-        levels = np.asarray(picture.convert("RGB"), np.float64) / 255
-    logger.info("%s: display values, linearised by %s", path, "the sRGB curve" if srgb else "gamma 2.2")
-    return (color.srgb_decode(levels) if srgb else color.gamma_decode(levels)).astype(np.float32)
-
-
-def _read_exr(path: Path, srgb: bool) -> Pixels:
-    import OpenEXR
-
-    with OpenEXR.File(str(path), separate_channels=True) as file:
-        channels = {name: channel.pixels for name, channel in file.channels().items()}
-    names = ("R", "G", "B") if "R" in channels else ("Y", "Y", "Y")
-    return np.stack([np.asarray(channels[name], np.float32) for name in names], axis=-1)
-
-
 _WRITERS = {".png": _write_png, ".exr": _write_exr}
-_READERS = {".png": _read_png, ".exr": _read_exr}

@@ -1,14 +1,14 @@
 """Mesh files: OBJ, PLY, STL, GLB and OFF to vertices and faces, read by trimesh and checked here."""
 
 import io
-from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from jaxrt.description import SceneError, nearest, show
-from jaxrt.io.files import read_bytes
+from jaxrt.io.files import StrPath, read_bytes
+from jaxrt.io.folders import Folders
 from jaxrt.io.mtl import materials_of
 from jaxrt.io.obj import PlainObj, explain_obj, face_line, plain_obj
 from jaxrt.io.off import plain_off
@@ -24,12 +24,13 @@ class _Soup(NamedTuple):
     faces: Ints  # (n, 3)
 
 
-def load_mesh(path: str | PathLike[str], materials: bool = True) -> dict[str, Any]:
+def load_mesh(path: StrPath, materials: bool = True, allow_folders: Folders = ()) -> dict[str, Any]:
     """Return the mesh in a file as a table of `[[meshes]]`: `file`, `vertices` (v, 3) float64, `faces` (n, 3) int64.
 
     Vertices keep the order of the file; those of an STL file that share a place become one. An OBJ file that uses the
     materials of an MTL file also gives `materials`, each named `file:name`, and `face_materials` (n,).
-    materials: False leaves the MTL file alone. Raises SceneError: file, line where there is one, culprit, remedy.
+    materials: False leaves the MTL file alone, which must lie beside or below the OBJ file or one of `allow_folders`.
+    Raises SceneError: file, line where there is one, culprit, remedy.
     """
     path = Path(path)
     source, kind = str(path), path.suffix.lower()
@@ -49,7 +50,7 @@ def load_mesh(path: str | PathLike[str], materials: bool = True) -> dict[str, An
     _check(soup, source, _decode(data) if obj else None, obj)
     table = {"file": source, "vertices": soup.vertices, "faces": soup.faces}
     if obj and materials and obj.uses and obj.libraries:
-        table |= materials_of(obj, path, len(soup.faces))
+        table |= materials_of(obj, path, len(soup.faces), allow_folders)
     return table
 
 

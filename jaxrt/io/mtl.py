@@ -6,15 +6,16 @@ from typing import Any
 import numpy as np
 
 from jaxrt.description import SceneError, nearest, show
-from jaxrt.io.files import read_bytes
+from jaxrt.io.files import SCENE_BYTES, read_bytes
+from jaxrt.io.folders import Folders, named_file
 from jaxrt.io.obj import PlainObj
 
 
-def materials_of(obj: PlainObj, path: Path, faces: int) -> dict[str, Any]:
+def materials_of(obj: PlainObj, path: Path, faces: int, allow_folders: Folders = ()) -> dict[str, Any]:
     """Return `materials` and `face_materials` (n,) of an OBJ file. Raises SceneError for what is missing or unsound."""
     colors: dict[str, list[float]] = {}
     for library in obj.libraries:
-        colors |= _read_library(path.parent / library)
+        colors |= _read_library(named_file(library, path, "mtllib", allow_folders))
     first = obj.uses[0][0]
     if first > 0:
         raise SceneError(f"{path}: the first {first} faces come before any usemtl: name a material in the scene file")
@@ -37,7 +38,7 @@ def _read_library(path: Path) -> dict[str, list[float]]:
     """Return Kd by material name."""
     from trimesh.exchange.obj import parse_mtl
 
-    data = read_bytes(path, (".mtl",), remedy="correct mtllib, or name a material in the scene file")
+    data = read_bytes(path, (".mtl",), remedy="correct mtllib, or name a material in the scene file", limit=SCENE_BYTES)
     colors = {}
     for name, values in parse_mtl(data).items():
         color = values.get("diffuse")

@@ -1,69 +1,85 @@
 """Scene files: TOML to description."""
 
+import codecs
 import re
 import tomllib
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from jaxrt.description import SceneDescription, SceneError, parse_description, show
-from jaxrt.io.files import read_bytes
+from jaxrt.io.files import SCENE_BYTES, StrPath, read_bytes
+from jaxrt.io.folders import Folders, folders_of, named_file
 from jaxrt.io.mesh_file import load_mesh
 
+DEEPEST = 64  # parts of a dotted key; what tomllib does with more grows with their square
+# Each part ends for good where it ends, so that the search looks at each character a bounded number of times
+_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
+_DOTTED = re.compile(rf"(?<![\w-])(?:{_PART}\.[ \t]*+){{{DEEPEST}}}")
 
-def read_description(path: str | PathLike[str]) -> SceneDescription:
+
+def read_description(path: StrPath, allow_folders: Folders = ()) -> SceneDescription:
     """Return the validated description in the TOML file at `path`, with the meshes that it names.
 
+    allow_folders: where meshes may lie besides the folder above the file's and all below that.
     Raises SceneError, one line that starts with the path, for a missing or unreadable file, malformed TOML,
     unsound meshes, and all that `parse_description` refuses.
     """
     source = str(path)
+    text = read_text(Path(path))
     try:
-        mapping = tomllib.loads(_read_text(Path(path)))
+        mapping = tomllib.loads(text)
     except RecursionError:
         raise SceneError(f"{source}: not valid TOML: nested too deeply: flatten it") from None
     except ValueError as error:
-        if isinstance(error, SceneError):
-            raise
         raise SceneError(_describe_syntax(source, str(error))) from None
-    return parse_description(_with_mesh_files(mapping, Path(path).parent, source), source)
+    return parse_description(_with_mesh_files(mapping, Path(path), folders_of(allow_folders)), source)
 
 
-def _read_text(path: Path) -> str:
-    """Return the text of the file, or raise SceneError with the nearest existing name."""
+def read_text(path: Path) -> str:
+    """Return the text of a scene file, or raise SceneError where TOML cannot be read from it."""
+    data = read_bytes(path, (".toml",), "a scene file", limit=SCENE_BYTES)
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise SceneError(f"{path}: UTF-16 text, and TOML is UTF-8: save it as UTF-8")
     try:
-        return read_bytes(path, (".toml",), "a scene file").decode("utf-8")
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise SceneError(f"{path}: not UTF-8 text at byte {error.start}: save it as UTF-8") from None
+    if "\r" in text and "\n" not in text:
+        raise SceneError(f"{path}: its lines end with CR alone, which TOML does not know: save it with LF")
+    if _DOTTED.search(text):
+        raise SceneError(f"{path}: not valid TOML: a key of more than {DEEPEST} parts, nested too deeply: flatten it")
+    return text
 
 
-def _with_mesh_files(mapping: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
+def _with_mesh_files(mapping: dict[str, Any], path: Path, allow_folders: Folders) -> dict[str, Any]:
     """Return the mapping with the arrays of each mesh file in the place of its name."""
     meshes = mapping.get("meshes")
     if not isinstance(meshes, list):
         return mapping
-    return mapping | {
-        "meshes": [_with_mesh_file(mesh, folder, f"{source}: meshes[{i}]") for i, mesh in enumerate(meshes)]
-    }
+    return mapping | {"meshes": [_with_mesh_file(mesh, path, i, allow_folders) for i, mesh in enumerate(meshes)]}
 
 
-def _with_mesh_file(mesh: Any, folder: Path, place: str) -> Any:
+def _with_mesh_file(mesh: Any, path: Path, number: int, allow_folders: Folders) -> Any:
     if not isinstance(mesh, dict) or "file" not in mesh:
         return mesh
-    file = mesh["file"]
+    file, place = mesh["file"], f"meshes[{number}]"
     if not isinstance(file, str):
-        raise SceneError(f"{place}.file: {show(file)} is not a name: write a string in quotes")
+        raise SceneError(f"{path}: {place}.file: {show(file)} is not a name: write a string in quotes")
     for key in ("vertices", "faces"):
         if key in mesh:
-            raise SceneError(f'{place}: {show(key)} and "file" exclude each other: leave one out')
+            raise SceneError(f'{path}: {place}: {show(key)} and "file" exclude each other: leave one out')
+    # A folder of scenes beside a folder of meshes is usual
+    named = named_file(file, path, f"{place}.file", (path.parent / "..", *allow_folders))
     try:
-        return load_mesh(folder / file, materials="material" not in mesh) | mesh
+        return load_mesh(named, "material" not in mesh, allow_folders) | mesh
     except SceneError as error:
-        raise SceneError(f"{place}.file: {error}") from None
+        raise SceneError(f"{path}: {place}.file: {error}") from None
 
 
 def _describe_syntax(source: str, message: str) -> str:
     """Return tomllib's message with its position, if it has one, put in front as the place."""
+    if "integer string conversion" in message:
+        return f"{source}: not valid TOML: a whole number of thousands of digits: shorten it"
     match = re.fullmatch(r"(.*) \(at (line \d+, column \d+|end of document)\)", message, re.DOTALL)
     if match is None:
         return f"{source}: not valid TOML: {message}: correct it".replace("\n", " ")
