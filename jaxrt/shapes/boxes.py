@@ -23,6 +23,7 @@ class Tree:
     pad: Array  # () what a face's box is padded by at most
     nodes: int = static()
     depth: int = static()
+    wide: bool = static(default=False)  # of `Triangles`
 
     @property
     def leaves(self) -> int:
@@ -30,7 +31,7 @@ class Tree:
         return (self.words.shape[-1] - self.nodes * NODE) // LEAF
 
 
-def tree_of(topology: Topology, corners: Array) -> Tree:
+def tree_of(topology: Topology, corners: Array, wide: bool = False) -> Tree:
     """Return the tree around corners (f, 3, 3) where they are now. Runs once a render, in vector operations."""
     slots = topology.faces
     own = corners[jnp.where(slots < 0, slots[:, :1], slots)]  # leaf, slot, corner, coordinate
@@ -53,6 +54,7 @@ def tree_of(topology: Topology, corners: Array) -> Tree:
         pad=pad.max(),
         nodes=topology.children.shape[0],
         depth=topology.depth,
+        wide=wide,
     )
 
 
