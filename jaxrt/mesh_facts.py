@@ -17,8 +17,8 @@ ASKEW = np.array([0.31830989, 0.27182818])  # slopes of the ray that tells insid
 EXTREMES = (np.minimum, np.maximum)
 # Vertices of one corner that a CAD program or a text file with six digits tells apart: they differ by 1e-6 of the
 # coordinates along each axis, 3.5e-6 in all where both are rounded
-SAME_PLACE = 5e-6  # of the mesh's size,
-SAME_PLACE_OF_SIDES = 0.1  # or of the median of its faces' longest sides, if that is less: a stray vertex has no say
+SAME_PLACE = 5e-6  # of the mesh's size, that of its box or, as strays have no say, of its faces side by side,
+SAME_PLACE_OF_SIDES = 0.1  # or of the median of its faces' longest sides, if that is less
 
 
 def cross(a: Floats, b: Floats) -> Floats:
@@ -91,9 +91,10 @@ def count_edges(vertices: Floats, faces: Ints) -> Edges:
     # Only what is open wants a tolerance
     places = vertices[corners]
     sides = np.linalg.norm(places - np.roll(places, 1, axis=1), axis=-1).max(axis=-1)
-    size = np.linalg.norm(np.ptp(places.reshape(-1, 3), axis=0))
+    usual = float(np.median(sides))
+    size = min(float(np.linalg.norm(np.ptp(places.reshape(-1, 3), axis=0))), usual * len(faces) ** 0.5)
     together = np.arange(len(vertices))
-    together[loose] = loose[weld_near(vertices[loose], min(SAME_PLACE * size, SAME_PLACE_OF_SIDES * np.median(sides)))]
+    together[loose] = loose[weld_near(vertices[loose], min(SAME_PLACE * size, SAME_PLACE_OF_SIDES * usual))]
     corners = together[corners]
     whole = np.all(corners != np.roll(corners, 1, axis=1), axis=1)
     return _count(corners[whole])[0]

@@ -23,28 +23,30 @@ def coincident_faces(scene: SceneDescription, bodies: Sequence[Body]) -> Iterato
         return
     own = np.repeat(np.arange(len(bodies) + 1), [*(len(body.faces) for body in bodies), len(singles)])
     numbers = np.concatenate([*(body.mesh.kept for body in bodies), np.arange(len(singles))]).astype(np.int64)
-    told = set()
+    told: set[tuple[int, int]] = set()
     for pairs in coincident_pairs(corners):
-        opposed = _opposed(corners, pairs)
-        for (a, b), facing in zip(pairs, opposed, strict=True):
-            both = (int(own[a]), int(own[b]))
-            if both in told or (facing and _may_stand(bodies, both)):
+        kinds = np.column_stack([own[pairs], _opposed(corners, pairs)])
+        # Of each two bodies and way to lie, one pair
+        for row in np.unique(kinds, axis=0, return_index=True)[1]:
+            first, second, opposed = (int(x) for x in kinds[row])
+            if (first, second) in told or (opposed and _may_stand(bodies, (first, second))):
                 continue
-            told.add(both)
-            names = [_name(bodies, body, int(numbers[face])) for body, face in zip(both, (a, b), strict=True)]
+            told.add((first, second))
+            one, other = (_name(bodies, int(own[face]), int(numbers[face])) for face in pairs[row])
             yield (
-                f"{names[0]} and {names[1]} lie in one plane and overlap: rounding decides which one is seen, move "
-                "one off the other or remove it"
+                f"{one} and {other} lie in one plane and overlap: rounding decides which one is seen, move one off "
+                "the other or remove it"
             )
 
 
 def _opposed(corners: Floats, pairs: Ints) -> NDArray[np.bool_]:
-    """Return whether the two faces of each pair look away from each other's outside."""
+    """Return whether the outsides of the two faces of each pair (m, 2) are opposite ones."""
     a, b = (cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]) for c in (corners[pairs[:, 0]], corners[pairs[:, 1]]))
     return np.sum(a * b, axis=-1) < 0
 
 
 def _may_stand(bodies: Sequence[Body], both: tuple[int, int]) -> bool:
+    """Return whether what is between two bodies is hidden: both are opaque and one is closed."""
     meshes = [bodies[i] for i in both if i < len(bodies)]
     return not any(body.has(Glass) for body in meshes) and any(body.closed for body in meshes)
 

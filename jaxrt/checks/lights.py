@@ -101,14 +101,14 @@ def near_point_lights(scene: SceneDescription, bodies: Sequence[Body]) -> Iterat
     singles = np.array(corners, float).reshape(-1, 3, 3)
     meshes = [body for body in bodies if body.has(Diffuse)]
     around = _around(points, *centers_and_radii(spheres), singles)
-    boxes = np.array([_to_box(points, *body.box) for body in meshes]).reshape(len(meshes), -1).T
+    boxes = np.array([_to_box(points, *body.box) for body in meshes]).reshape(len(meshes), len(points)).T
     others = np.sort(np.concatenate([around, boxes], axis=1), axis=1)
     if not others.shape[1]:
         return
     usual = np.maximum(np.linalg.norm(points - scene.camera.position, axis=-1), others[:, (others.shape[1] - 1) // 2])
     limits = TOO_NEAR * usual
     nearest = [nearest_distances(points, body.corners, limits) for body in meshes]
-    distances = np.concatenate([around, np.array(nearest).reshape(len(meshes), -1).T], axis=1).min(axis=1)
+    distances = np.concatenate([around, np.array(nearest).reshape(len(meshes), len(points)).T], axis=1).min(axis=1)
     near = np.flatnonzero(distances < limits)
     if len(near):
         yield (

@@ -16,11 +16,11 @@ def narrow_view(scene: SceneDescription, bodies: Sequence[Body]) -> Iterator[str
     """Find a camera that looks at a speck of the scene, as one given in radians does, or one that is too wide."""
     fov = scene.camera.fov
     if fov > STRETCHED:
-        yield f"camera: fov {show(fov)} degrees stretches the picture's edges beyond recognition: use 20 to 100"
+        yield f"camera: fov {fov:g} degrees stretches the picture's edges beyond recognition: use 20 to 100"
     sizes = list(_angular_sizes(scene, bodies))
     if fov <= RADIANS and sizes and np.radians(fov) < SPECK * float(np.median(sizes)):
         meant = f", or {np.degrees(fov):.3g} if this is in radians" if 20 <= np.degrees(fov) < 180 else ""
-        yield f"camera: fov {show(fov)} degrees shows a speck of the scene: use 20 to 100{meant}"
+        yield f"camera: fov {fov:g} degrees shows a speck of the scene: use 20 to 100{meant}"
 
 
 def _angular_sizes(scene: SceneDescription, bodies: Sequence[Body]) -> Iterator[float]:
