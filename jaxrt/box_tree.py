@@ -5,6 +5,7 @@ next level. A question goes down from the root as one of many rows (question, bo
 """
 
 from collections.abc import Callable, Iterator
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -68,7 +69,8 @@ def meetings(tree: BoxTree, low: Floats, high: Floats) -> Iterator[tuple[Ints, I
     """Yield rows (question, member) whose boxes meet, for boxes (n, d), some thousand questions at a time."""
 
     def meet(asked: Ints, least: Floats, most: Floats) -> NDArray[np.bool_]:
-        return np.all((low[asked] <= most) & (least <= high[asked]), axis=-1)
+        apart = (low[asked] > most) | (least > high[asked])
+        return ~reduce(np.logical_or, apart.T)  # np.any along a short axis takes twice as long
 
     for start in range(0, len(low), AT_ONCE):
         yield descend(tree, meet, np.arange(start, min(start + AT_ONCE, len(low))))

@@ -1,7 +1,7 @@
 """How two surfaces lie to each other: whether they cross, and where they share a plane. NumPy, on the host.
 
-Boxes are compared first, then single faces; a search that has seen PAIRS of them gives up, so that no scene takes
-minutes.
+Boxes are compared first, then single faces. A search that has seen PAIRS of them gives up, and of flat parts with more
+than ASKED faces a sample is looked at, so that no scene takes minutes.
 """
 
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from jaxrt.box_tree import Floats, Ints, box_tree, meetings
 from jaxrt.mesh_facts import cross, triangle_distances
 
-PAIRS = 4_000_000
+PAIRS, ASKED = 4_000_000, 30_000
 TOUCHING = 1e-6  # of the coordinates: what is nearer than that touches, and does not cross
 ROUNDING = 2 * 12 * 2.0**-24  # of coordinates in float32, of both faces: see `triangle._plane_error`
 OVERLAP = 0.01  # of the lesser height of two faces in a plane: by what they are no mere neighbours
@@ -93,8 +93,11 @@ def _some_edge_runs_through(edge: Ints, start: Floats, end: Floats, faces: Float
     return bool(np.any((np.maximum(*ways) >= 2) & (np.minimum(*ways) == 0) & (lying == 0)))
 
 
-def coincident_pairs(corners: Floats) -> Iterator[Ints]:
-    """Yield rows (m, 2) of faces of (n, 3, 3) that lie in one plane, as float32 knows it, and overlap there."""
+def coincident_pairs(corners: Floats, bodies: Ints) -> Iterator[Ints]:
+    """Yield rows (m, 2) of faces of (n, 3, 3) that lie in one plane, as float32 knows it, and overlap there.
+
+    bodies: (n,) which body each face is of; those with few faces in a plane are looked at first.
+    """
     normal = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(axis=-1)
     doubled = np.linalg.norm(normal, axis=-1)
@@ -112,14 +115,24 @@ def coincident_pairs(corners: Floats) -> Iterator[Ints]:
         low, high = corners[shared].min(axis=1), corners[shared].max(axis=1)
         inner = OVERLAP / 2 * (high - low) - margin
         low, high = (np.concatenate([x, plane[:, None]], axis=1) for x in (low + inner, high - inner))
-        for a, b in meetings(box_tree(low, high), low, high):
-            a, b = shared[a[a < b]], shared[b[a < b]]
-            pairs = np.stack([a, b], axis=1)[_coincide(corners, facing, height, a, b)]
+        asked = _rarest(plane, bodies[shared])
+        for a, b in meetings(box_tree(low, high), low[asked], high[asked]):
+            a = asked[a]
+            pairs = shared[np.stack([a, b], axis=1)[a != b]]
+            pairs = np.unique(np.sort(pairs[_coincide(corners, facing, height, *pairs.T)], axis=1), axis=0)
             if len(pairs):
                 yield pairs
             seen += len(a)
             if seen > PAIRS:
                 return
+
+
+def _rarest(plane: Floats, bodies: Ints) -> Ints:
+    """Return ASKED rows at most of (m,), those first that have fewest others of their plane and body."""
+    kinds = plane.astype(np.int64) * (int(bodies.max()) + 1) + bodies
+    _, kind, count = np.unique(kinds, return_inverse=True, return_counts=True)
+    mixed = np.random.default_rng(0).permutation(len(kinds))
+    return mixed[np.argsort(count[kind[mixed]], kind="stable")[:ASKED]]
 
 
 def _unsigned(normal: Floats) -> Floats:

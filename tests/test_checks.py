@@ -208,7 +208,7 @@ def test_f10_a_million_faces_are_compared_within_a_bound(monkeypatch):
     )
     fine = trimesh.creation.icosphere(6)
     assert warned(mesh(fine), mesh(fine)) == []
-    assert 10_000 < sum(seen) < 200_000
+    assert 0 < sum(seen) < 50_000
 
 
 # Lights by the thousand

@@ -24,7 +24,7 @@ def coincident_faces(scene: SceneDescription, bodies: Sequence[Body]) -> Iterato
     own = np.repeat(np.arange(len(bodies) + 1), [*(len(body.faces) for body in bodies), len(singles)])
     numbers = np.concatenate([*(body.mesh.kept for body in bodies), np.arange(len(singles))]).astype(np.int64)
     told: set[tuple[int, int]] = set()
-    for pairs in coincident_pairs(corners):
+    for pairs in coincident_pairs(corners, own):
         kinds = np.column_stack([own[pairs], _opposed(corners, pairs)])
         # Of each two bodies and way to lie, one pair
         for row in np.unique(kinds, axis=0, return_index=True)[1]:
