@@ -106,6 +106,7 @@ def coloured(tmp_path):
     return tmp_path / "quad.obj"
 
 
+@pytest.mark.filterwarnings("ignore:.*lie in one plane and overlap")  # so few corners make three faces
 @pytest.mark.parametrize("old", ["f 1 2 4", "  f -4 -3 -1"])
 def test_mtl_colours_become_diffuse_materials(coloured, old):
     """One row per Kd that is used, exact, not rounded to bytes; one material row per face; both ways of reading."""
@@ -118,6 +119,7 @@ def test_mtl_colours_become_diffuse_materials(coloured, old):
     np.testing.assert_array_equal(jaxrt.parameters(scene)["materials.albedo"], rows)
 
 
+@pytest.mark.filterwarnings("ignore:.*lie in one plane and overlap")
 def test_a_material_of_the_scene_wins_over_the_file(coloured):
     mesh = jaxrt.load_mesh(coloured)
     whole = jaxrt.build(description(mesh | {"material": "white"}))
