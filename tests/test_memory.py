@@ -64,7 +64,7 @@ def test_l9_the_least_limit_counts_and_is_named(system):
 
 
 def test_l9_ulimit_counts_less_what_is_taken():
-    """In a process of its own, with 3 GiB of addresses: a picture of 2.9 GiB is refused in words."""
+    """In a process of its own, with 1 GiB of addresses to go: a picture of 1.1 GiB is refused in words."""
     pytest.importorskip("resource")
     code = """if True:
         import resource
