@@ -279,7 +279,8 @@ def test_s8_camera_in_a_ball():
 
 
 @pytest.mark.parametrize(
-    ("fov", "told"), [(0.6, "or 34.4 if this is in radians"), (0.05, "use 20 to 100"), (170, "stretches")]
+    ("fov", "told"),
+    [(0.6, "use 34.4 if it is meant in radians"), (1.5, "use 85.9 if it is meant in radians"), (170, "stretches")],
 )
 def test_s8_fov_hardly_meant(fov, told):
     (message,) = warned(mesh(BALL), camera=CAMERA | {"fov": fov})
@@ -292,6 +293,7 @@ def test_s8_a_long_lens_is_meant(distance):
     fov = 2.5 * np.degrees(1 / distance)
     assert warned(mesh(BALL), camera=CAMERA | {"position": [0.3, 0.7, distance], "fov": fov}) == []
     assert warned(mesh(BALL), camera=CAMERA | {"fov": 120}) == []
+    assert warned(mesh(BALL), camera=CAMERA | {"fov": 0.001}) == []  # a probe of one place
 
 
 def test_s8_materials_that_nothing_is_made_of():

@@ -7,7 +7,7 @@ import numpy as np
 from jaxrt.checks.common import Body
 from jaxrt.description import SceneDescription, show
 
-RADIANS = np.pi  # a fov of at most this many degrees would be a number of radians
+RADIANS = 0.1, np.pi  # what a fov would be in radians; below it is a probe that somebody means
 SPECK = 0.1  # of what is looked at: a view that is narrower than that hardly is meant
 STRETCHED = 150  # degrees, from where on an eighth of the picture's height is a third of the view
 
@@ -18,9 +18,9 @@ def narrow_view(scene: SceneDescription, bodies: Sequence[Body]) -> Iterator[str
     if fov > STRETCHED:
         yield f"camera: fov {fov:g} degrees stretches the picture's edges beyond recognition: use 20 to 100"
     sizes = list(_angular_sizes(scene, bodies))
-    if fov <= RADIANS and sizes and np.radians(fov) < SPECK * float(np.median(sizes)):
-        meant = f", or {np.degrees(fov):.3g} if this is in radians" if 20 <= np.degrees(fov) < 180 else ""
-        yield f"camera: fov {fov:g} degrees shows a speck of the scene: use 20 to 100{meant}"
+    if RADIANS[0] <= fov < RADIANS[1] and sizes and np.radians(fov) < SPECK * float(np.median(sizes)):
+        degrees = np.degrees(fov)
+        yield f"camera: fov {fov:g} degrees shows a speck of the scene: use {degrees:.3g} if it is meant in radians"
 
 
 def _angular_sizes(scene: SceneDescription, bodies: Sequence[Body]) -> Iterator[float]:
