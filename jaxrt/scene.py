@@ -33,6 +33,8 @@ from jaxrt.native import default_devices, everywhere
 from jaxrt.pytree import pytree, static
 from jaxrt.shapes import Spheres, Triangles, mesh_edges, topology_of
 
+WIDE = 1e3  # from that ratio on, rays lose a triangle over 1/3000 of the smallest thing's size
+
 
 @pytree
 class Scene:
@@ -210,7 +212,18 @@ def _triangles(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray
         topology_of(corners, indices),
         mesh_edges(corners.astype(dtype), indices),
         _smooth(scene, corners, indices),
+        _wide(scene),
     )
+
+
+def _wide(scene: SceneDescription) -> bool:
+    """Return whether a triangle is so wide that float32 errors on it, of 3e-7 of its width, show on something else."""
+    singles = [np.asarray(t.vertices, float) for t in scene.triangles]
+    corners = [mesh.world[mesh.faces[mesh.kept]] for mesh in scene.meshes] + ([np.stack(singles)] if singles else [])
+    sides = [np.linalg.norm(x - np.roll(x, 1, axis=1), axis=-1).max(axis=-1) for x in corners]
+    # A mesh is as large as its faces laid side by side: a floor in it does not count, if only it has few faces
+    sizes = [np.median(side) * len(side) ** 0.5 for side in sides] + [s.radius for s in scene.spheres]
+    return max(side.max() for side in sides) > WIDE * min(sizes)
 
 
 def _smooth(scene: SceneDescription, vertices: np.ndarray, faces: np.ndarray) -> Array | None:

@@ -7,7 +7,7 @@ import pytest
 
 LAYERS = [
     {"messages", "internals", "pytree", "native", "batches", "linear", "sealed", "gather", "jacobian", "writing"},
-    {"maths", "sampling", "samplers", "color", "description", "mesh_facts"},
+    {"maths", "sampling", "samplers", "color", "description", "mesh_facts", "mesh_pairs", "box_tree", "memory"},
     {"records", "checks"},
     {"shapes"},
     {"materials", "lights", "camera"},

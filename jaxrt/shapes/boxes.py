@@ -24,9 +24,10 @@ class Tree:
     side: Array  # () that of a leaf, as a share of the tree's: 1/√n of n leaves
     nodes: int = static()
     depth: int = static()
+    wide: bool = static(default=False)  # of `Triangles`
 
 
-def tree_of(topology: Topology, corners: Array) -> Tree:
+def tree_of(topology: Topology, corners: Array, wide: bool = False) -> Tree:
     """Return the tree around corners (f, 3, 3) where they are now. Runs once a render, in vector operations."""
     slots = topology.faces
     own = corners[jnp.where(slots < 0, slots[:, :1], slots)]  # leaf, slot, corner, coordinate
@@ -50,6 +51,7 @@ def tree_of(topology: Topology, corners: Array) -> Tree:
         side=lax.rsqrt(last[0].max().astype(corners.dtype)),
         nodes=topology.children.shape[0],
         depth=topology.depth,
+        wide=wide,
     )
 
 

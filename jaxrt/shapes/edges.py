@@ -12,7 +12,10 @@ from jax import Array
 from jaxrt.maths import FAR, unit_roundoff
 from jaxrt.shapes.order import least, most
 
-Corner = tuple[Array, Array, Array]  # x, y beside the sheared ray, and the depth along it
+# x, y beside the sheared ray; then the distance at which it is level with the corner along its main axis, and of
+# triangles that may be wide along x and y too
+Corner = tuple[Array, ...]
+LEVEL = 1e-20  # least slope for which such a distance is told
 
 
 def main_axis(direction: Array) -> Array:
@@ -30,12 +33,17 @@ def along_axis(axis: Array, v: Array) -> tuple[Array, Array, Array]:
     return x, y, jnp.where(zx, v[0], jnp.where(zy, v[1], v[2]))
 
 
-def shear(x: Array, y: Array, z: Array, sx: Array, sy: Array, sz: Array) -> Corner:
+def shear(x: Array, y: Array, z: Array, sx: Array, sy: Array, sz: Array, *, wide: bool = False) -> Corner:
     """Return a corner, seen from the ray's origin and with z along its main axis, sheared.
 
     (sx, sy, sz)·d_z = (d_x, d_y, 1).
     """
-    return x - sx * z, y - sy * z, z * sz
+    corner = x - sx * z, y - sy * z, z * sz
+    return (*corner, *(v * (sz / _nonzero(s)) for v, s in ((x, sx), (y, sy)))) if wide else corner
+
+
+def _nonzero(slope: Array) -> Array:
+    return jnp.where(jnp.abs(slope) < LEVEL, LEVEL, slope)
 
 
 def edge_functions(corners: list[Corner]) -> tuple[list[Array], Array, Array]:
@@ -44,7 +52,7 @@ def edge_functions(corners: list[Corner]) -> tuple[list[Array], Array, Array]:
     A coordinate that counts as zero is set to 0. Beside: on one side of all corners. A face that is small and far to
     the side has edge functions below their rounding bound; both faces of an edge judge its two corners alike.
     """
-    (x0, y0, _), (x1, y1, _), (x2, y2, _) = corners
+    (x0, y0, *_), (x1, y1, *_), (x2, y2, *_) = corners
     ends = [f(a, f(b, c)) for a, b, c in ((x0, x1, x2), (y0, y1, y2)) for f in (least, most)]
     left, right, below, above = ends
     beside = (left > 0) | (right < 0) | (below > 0) | (above < 0)
@@ -56,7 +64,7 @@ def edge_functions(corners: list[Corner]) -> tuple[list[Array], Array, Array]:
 def hit_distance(corners: list[Corner]) -> Array:
     """Return the distance to the face, FAR if it is missed, behind, seen edge-on or of no area."""
     (e0, e1, e2), bound, beside = edge_functions(corners)
-    z0, z1, z2 = (z for _, _, z in corners)
+    (z0, *levels0), (z1, *levels1), (z2, *levels2) = (corner[2:] for corner in corners)
     total = e0 + e1 + e2
     depth = e0 * z0 + e1 * z1 + e2 * z2
     same_side = (least(e0, least(e1, e2)) >= 0) | (most(e0, most(e1, e2)) <= 0)
@@ -64,6 +72,14 @@ def hit_distance(corners: list[Corner]) -> Array:
     # margin a sliver would hit the rays that leave it
     first, last = least(z0, least(z1, z2)), most(z0, most(z1, z2))
     doubt = jnp.where(first > 0, 0, 2 * bound * (last - first))
-    hit = same_side & ~beside & (jnp.where(total < 0, -depth, depth) > doubt)
+    ahead = jnp.where(total < 0, -depth, depth) > doubt
+    if levels0:
+        # A hit is inside the triangle's box. That decides for a floor of 1e6, whose margin is 0.3: the whole of it lies
+        # ahead along one axis, and the hit as far as it does
+        for a, b, c in zip(levels0, levels1, levels2, strict=True):
+            first, last = most(first, least(a, least(b, c))), least(last, most(a, most(b, c)))
+        hit = same_side & ~beside & (total != 0) & ((first > 0) | ahead) & (last > 0)
+        return jnp.where(hit, least(most(depth / jnp.where(hit, total, 1), first), last), FAR)
+    hit = same_side & ~beside & ahead
     # The quotient comes last: it ends a fused loop, and what was before it would be computed twice
     return jnp.where(hit, depth, FAR) / jnp.where(hit, total, 1)

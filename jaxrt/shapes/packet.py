@@ -107,7 +107,7 @@ def _by_face(any_hit: bool, tree: Tree, rays: Numbers, places: list[Array]) -> C
     def distances(leaf: Array, slot: Array) -> Array:
         at = leaf_at(tree, leaf) + (slot & 7).astype(jnp.uint32)
         corners = [[floats(part(tree.words, at + (k & 56) + 8 * corner, 1)) for k in places] for corner in range(3)]
-        return hit_distance([shear(x - ox, y - oy, z - oz, *slopes) for x, y, z in corners])
+        return hit_distance([shear(x - ox, y - oy, z - oz, *slopes, wide=tree.wide) for x, y, z in corners])
 
     def one(leaf: Array, slot: Array, farthest: Array, face: Array) -> tuple[Array, Array]:
         t = once(distances)(leaf, slot)

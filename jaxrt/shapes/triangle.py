@@ -9,13 +9,13 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.gather import take
-from jaxrt.maths import cross, dot, grad_only, normalize, safe_divide, unit_roundoff
-from jaxrt.pytree import pytree
+from jaxrt.maths import FAR, cross, dot, grad_only, normalize, safe_divide, unit_roundoff
+from jaxrt.pytree import pytree, static
 from jaxrt.records import Ray, SurfacePoint
 from jaxrt.shapes.adjacency import MeshEdges
 from jaxrt.shapes.boxes import Tree, tree_of
 from jaxrt.shapes.bvh import Topology
-from jaxrt.shapes.edges import along_axis, edge_functions, hit_distance, main_axis, shear
+from jaxrt.shapes.edges import Corner, along_axis, edge_functions, hit_distance, main_axis, shear
 from jaxrt.shapes.smooth import corner_normals, smooth_place
 from jaxrt.shapes.traverse import any_hit, nearest_hit
 
@@ -30,6 +30,7 @@ class Triangles:
     bvh: Topology | None = None  # made by `topology_of`; None: few, tested one by one
     edges: MeshEdges | None = None  # for what moving edges add to derivatives
     smooth: Array | None = None  # (n, 3) int32, corners of one number share their normal; None: no mesh is smooth
+    wide: bool = static(default=False)  # some are far wider than other things of the scene are large
 
 
 @pytree
@@ -40,6 +41,7 @@ class TriangleTable:
     material: Array  # (n,) int32
     tree: Tree | None = None  # no derivative passes through it
     normals: Array | None = None  # (n, 3, 3) unit normal at each corner, None where no mesh is smooth
+    wide: bool = static(default=False)  # as above: hits are then found with more care
 
 
 def triangle_table(triangles: Triangles) -> TriangleTable:
@@ -49,16 +51,16 @@ def triangle_table(triangles: Triangles) -> TriangleTable:
     rounding = 4 * unit_roundoff(edge1) * jnp.max(jnp.abs(edge1), -1) * jnp.max(jnp.abs(edge2), -1)
     flat = jnp.max(jnp.abs(cross(edge1.T, edge2.T)), 0) <= rounding
     corners = jnp.where(flat[:, None, None], corners[:, :1], corners)
-    tree = None if triangles.bvh is None else tree_of(triangles.bvh, lax.stop_gradient(corners))
+    tree = None if triangles.bvh is None else tree_of(triangles.bvh, lax.stop_gradient(corners), triangles.wide)
     normals = None if triangles.smooth is None else corner_normals(corners, triangles.smooth)
-    return TriangleTable(corners, triangles.material, tree, normals)
+    return TriangleTable(corners, triangles.material, tree, normals, triangles.wide)
 
 
-def sheared(corners: Array, ray: Ray) -> list[tuple[Array, Array, Array]]:
+def sheared(corners: Array, ray: Ray, wide: bool = False) -> list[Corner]:
     """Return the corners (3, 3) as the ray sees them."""
     axis = main_axis(ray.direction)
     dx, dy, dz = along_axis(axis, ray.direction)
-    return [shear(*along_axis(axis, corner - ray.origin), dx / dz, dy / dz, 1 / dz) for corner in corners]
+    return [shear(*along_axis(axis, corner - ray.origin), dx / dz, dy / dz, 1 / dz, wide=wide) for corner in corners]
 
 
 def _hit_weights(corners: Array, ray: Ray) -> tuple[Array, Array]:
@@ -74,7 +76,7 @@ def find_triangle(table: TriangleTable, ray: Ray, farthest: Array) -> tuple[Arra
         return nearest_hit(table.tree, ray.origin, ray.direction, farthest)
 
     def closer(i: Array, best: tuple[Array, Array]) -> tuple[Array, Array]:
-        t = hit_distance(sheared(table.corners[i], ray))
+        t = hit_distance(sheared(table.corners[i], ray, table.wide))
         nearer = t < best[0]
         return jnp.where(nearer, t, best[0]), jnp.where(nearer, i, best[1])
 
@@ -87,7 +89,7 @@ def occluded_by_triangle(table: TriangleTable, ray: Ray, farthest: Array) -> Arr
         return any_hit(table.tree, ray.origin, ray.direction, farthest)
 
     def blocks(i: Array, blocked: Array) -> Array:
-        return blocked | (hit_distance(sheared(table.corners[i], ray)) < farthest)
+        return blocked | (hit_distance(sheared(table.corners[i], ray, table.wide)) < farthest)
 
     return lax.fori_loop(0, table.corners.shape[0], blocks, jnp.zeros((), bool))
 
@@ -97,7 +99,7 @@ def triangle_surface_point(table: TriangleTable, ray: Ray, i: Array) -> SurfaceP
 
     The point is laid on the triangle by its barycentric coordinates, which keeps its error independent of the distance
     travelled (Wächter and Binder, Ray Tracing Gems 2019, ch. 6). They are those of the hit test, so that slivers
-    keep the point too; Cramer's rule gives their derivatives.
+    keep the point too; Cramer's rule gives their derivatives. Of a wide triangle the ray may know the place better.
     """
     corners = take(table.corners, i)
     a, edge1, edge2 = corners[0], corners[1] - corners[0], corners[2] - corners[0]
@@ -111,9 +113,44 @@ def triangle_surface_point(table: TriangleTable, ray: Ray, i: Array) -> SurfaceP
     hit1, hit2 = _hit_weights(*lax.stop_gradient((corners, ray)))
     beta, gamma = hit1 + grad_only(beta), hit2 + grad_only(gamma)
     p = a + beta * edge1 + gamma * edge2
-    size = jnp.sum(jnp.max(jnp.abs(lax.stop_gradient(corners)), axis=0))
-    point = SurfacePoint(p, normalize(normal), 8 * unit_roundoff(p) * size, table.material[i])
+    unit = normalize(normal)
+    fixed = lax.stop_gradient((corners, normal, unit))
+    error = _plane_error(*fixed)
+    if table.wide:
+        p = p + _place_on_ray(fixed[0], fixed[2], error, *lax.stop_gradient((ray, p)))
+    point = SurfacePoint(p, unit, error, table.material[i])
     if table.normals is None:
         return point
     lifted, smooth = smooth_place(corners, take(table.normals, i), (beta, gamma), p, point.normal, -ray.direction)
     return replace(point, position=lifted, smooth=smooth)
+
+
+def _plane_error(corners: Array, normal: Array, unit: Array) -> Array:
+    """Return a bound on how far off the triangle's plane float arithmetic sees a point laid on it, in scene units.
+
+    Let m be the largest |coordinate| of the corners along an axis. There a + β edge1 + γ edge2 is wrong by 8u m: 2u m
+    for its two sums, 3u of each product for difference, product and its sum, with |edge| ≤ 2m and β + γ ≤ 1. The next
+    ray's origin rounds by u m once it is moved, and the hit test by 2u m when it subtracts origin from corners (Higham,
+    Accuracy and Stability of Numerical Algorithms, 2nd ed., §3.1); one more u for all that is of second order. Errors
+    along an axis lead off the plane by the normal's share of it only: a floor may be wide at no price. What the normal
+    itself may be wrong by counts as a share too, which is much for a sliver.
+    """
+    edge1, edge2, size = jnp.abs(corners[1] - corners[0]), jnp.abs(corners[2] - corners[0]), jnp.abs(corners).max(0)
+    u, others = unit_roundoff(corners), ((1, 2), (2, 0), (0, 1))
+    wrong = 4 * u * jnp.stack([edge1[i] * edge2[j] + edge1[j] * edge2[i] for i, j in others])
+    return 12 * u * (dot(jnp.abs(unit), size) + safe_divide(dot(wrong, size), jnp.abs(normal).max()))
+
+
+def _place_on_ray(corners: Array, unit: Array, error: Array, ray: Ray, p: Array) -> Array:
+    """Return what moves p, of barycentric coordinates, to where the ray meets the plane; 0 where p is as well known.
+
+    Both are within `error` of the plane. Along it p is wrong by 8u of the largest coordinate, which is 0.5 on a floor
+    of 1e6, and the other by the plane's error over the slope and the rounding of ray and distance.
+    """
+    slope = dot(unit, ray.direction)
+    t = jnp.clip(safe_divide(dot(unit, corners[0] - ray.origin), slope), 0, FAR)
+    place = ray.origin + t * ray.direction
+    place = place - dot(unit, place - corners[0]) * unit
+    u, reach = unit_roundoff(p), jnp.abs(ray.origin).max() + t
+    better = error + 4 * u * reach * jnp.abs(slope) < 8 * u * jnp.abs(corners).max() * jnp.abs(slope)
+    return jnp.where(better, place - p, 0)

@@ -197,7 +197,7 @@ def leaf_distances(tree: Tree, leaf: Array, places: list[Array], ray: list[Array
     """Return the distances (8,) of a leaf's faces from one ray: origin and slopes along its axis, () or (1,) each."""
     at = leaf_at(tree, leaf)
     corners = [[floats(part(tree.words, at + (places[k] & 56) + 8 * c)) - ray[k] for k in range(3)] for c in range(3)]
-    return hit_distance([shear(x, y, z, *ray[3:]) for x, y, z in corners])
+    return hit_distance([shear(x, y, z, *ray[3:], wide=tree.wide) for x, y, z in corners])
 
 
 def closest(any_hit: bool, tree: Tree, leaf: Array, t: Array, farthest: Array, face: Array) -> tuple[Array, Array]:

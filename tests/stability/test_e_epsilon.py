@@ -162,7 +162,8 @@ def lit(geometry, o, u, position, intensity, radius):
     sample = sample_light(lights, point.position, (u[0], u[1]))
     shadow = leave(point, sample.direction)
     blocked = occluded(geometry, shadow, sample.distance, jnp.int32(0))
-    naive = occluded(geometry, shadow, sample.distance * (1 + 8 * U))
+    rounding = 8 * U * (jnp.sum(jnp.abs(position)) + radius + sample.distance)
+    naive = occluded(geometry, shadow, sample.distance + rounding)
     return sample.irradiance[0] * jnp.maximum(sample.direction[1], 0), blocked, naive
 
 
