@@ -47,12 +47,20 @@ def warnings_of(description: SceneDescription) -> list[str]:
         *_dark(description),
         *_walled_in(description),
         *_walled_in_meshes(description),
+        *_left_out(description),
         *_dropped_faces(description),
         *_unsound_glass(description),
         *_point_light_and_glass(description),
         *_overlapping_glass(description),
         *_near_point_lights(description),
     ]
+
+
+def _left_out(scene: SceneDescription) -> Iterator[str]:
+    """Tell what mesh files hold that is not read, and what was mended."""
+    for i, mesh in enumerate(scene.meshes):
+        if mesh.notes:
+            yield f"meshes[{i}] ({mesh.file}): {mesh.notes}"
 
 
 def _dark(scene: SceneDescription) -> Iterator[str]:

@@ -5,14 +5,18 @@ from os import PathLike
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 
+from jaxrt.io.folders import Folders
 from jaxrt.io.image import load_image, save_image
-from jaxrt.io.mesh_file import load_mesh
+from jaxrt.io.meshes import load_mesh
 from jaxrt.io.scene_file import read_description
 from jaxrt.scene import Scene, build
 
 __all__ = ["load_image", "load_mesh", "load_scene", "read_description", "save_image"]
 
 
-def load_scene(path: str | PathLike[str], dtype: DTypeLike = jnp.float32) -> Scene:
-    """Return the scene in the TOML file at `path`. Errors, warnings, `dtype`: as for `jaxrt.build`."""
-    return build(read_description(path), dtype)
+def load_scene(path: str | PathLike[str], dtype: DTypeLike = jnp.float32, allow_folders: Folders = ()) -> Scene:
+    """Return the scene in the TOML file at `path`.
+
+    Errors, warnings, `dtype`: as for `jaxrt.build`; `allow_folders`: as for `jaxrt.load_mesh`.
+    """
+    return build(read_description(path, allow_folders), dtype)

@@ -8,12 +8,14 @@ from typing import Any
 
 from jaxrt.description import SceneDescription, SceneError, parse_description, show
 from jaxrt.io.files import read_bytes
-from jaxrt.io.mesh_file import load_mesh
+from jaxrt.io.folders import Folders
+from jaxrt.io.meshes import read_mesh
 
 
-def read_description(path: str | PathLike[str]) -> SceneDescription:
+def read_description(path: str | PathLike[str], allow_folders: Folders = ()) -> SceneDescription:
     """Return the validated description in the TOML file at `path`, with the meshes that it names.
 
+    What these leave out of their files is carried along, and told by `build`. allow_folders: as for `jaxrt.load_mesh`.
     Raises SceneError, one line that starts with the path, for a missing or unreadable file, malformed TOML,
     unsound meshes, and all that `parse_description` refuses.
     """
@@ -26,7 +28,7 @@ def read_description(path: str | PathLike[str]) -> SceneDescription:
         if isinstance(error, SceneError):
             raise
         raise SceneError(_describe_syntax(source, str(error))) from None
-    return parse_description(_with_mesh_files(mapping, Path(path).parent, source), source)
+    return parse_description(_with_mesh_files(mapping, Path(path).parent, source, allow_folders), source)
 
 
 def _read_text(path: Path) -> str:
@@ -37,17 +39,17 @@ def _read_text(path: Path) -> str:
         raise SceneError(f"{path}: not UTF-8 text at byte {error.start}: save it as UTF-8") from None
 
 
-def _with_mesh_files(mapping: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
+def _with_mesh_files(mapping: dict[str, Any], folder: Path, source: str, allow_folders: Folders) -> dict[str, Any]:
     """Return the mapping with the arrays of each mesh file in the place of its name."""
     meshes = mapping.get("meshes")
     if not isinstance(meshes, list):
         return mapping
-    return mapping | {
-        "meshes": [_with_mesh_file(mesh, folder, f"{source}: meshes[{i}]") for i, mesh in enumerate(meshes)]
-    }
+    places = [f"{source}: meshes[{i}]" for i in range(len(meshes))]
+    read = [_with_mesh_file(mesh, folder, place, allow_folders) for mesh, place in zip(meshes, places, strict=True)]
+    return mapping | {"meshes": read}
 
 
-def _with_mesh_file(mesh: Any, folder: Path, place: str) -> Any:
+def _with_mesh_file(mesh: Any, folder: Path, place: str, allow_folders: Folders) -> Any:
     if not isinstance(mesh, dict) or "file" not in mesh:
         return mesh
     file = mesh["file"]
@@ -57,7 +59,7 @@ def _with_mesh_file(mesh: Any, folder: Path, place: str) -> Any:
         if key in mesh:
             raise SceneError(f'{place}: {show(key)} and "file" exclude each other: leave one out')
     try:
-        return load_mesh(folder / file, materials="material" not in mesh) | mesh
+        return read_mesh(folder / file, "material" not in mesh, allow_folders) | mesh
     except SceneError as error:
         raise SceneError(f"{place}.file: {error}") from None
 

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import jaxrt
-from jaxrt.io.polygons import clip_ears
+from jaxrt.io.meshes.ears import clip_ears
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 DART = [[0, 0, 0], [2, 0, 0], [2, 2, 0], [1, 0.3, 0], [0, 2, 0]]  # concave: area 2.3, that of its fan 3.7

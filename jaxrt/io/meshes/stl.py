@@ -1,0 +1,90 @@
+"""STL files, binary and text: triangles, whose corners are made one where they share a place."""
+
+import re
+
+import numpy as np
+
+from jaxrt.description import SceneError, show
+from jaxrt.io.meshes.soundness import Mesh, check_vertices, left_over, no_faces
+from jaxrt.io.meshes.text import BadRow, decode, floats, number_hint
+from jaxrt.mesh_facts import Floats, weld
+
+_HEAD = 84  # bytes: a comment, and the number of triangles
+_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_VERTEX = r"vertex\s+(\S+\s+\S+\s+\S+)\s+"
+_FACET = re.compile(
+    rf"facet\s+normal\s+\S+\s+\S+\s+\S+\s+outer\s+loop\s+{_VERTEX * 3}endloop\s+endfacet", re.IGNORECASE
+)
+
+_PIECE = re.compile(r"endloop|endfacet|vertex\s+[-+.\d]", re.IGNORECASE)
+
+
+def read_stl(data: bytes, source: str) -> Mesh:
+    """Return the mesh in an STL file. Raises SceneError with file and facet."""
+    count = int.from_bytes(data[80:_HEAD], "little") if len(data) >= _HEAD else -1
+    # The size alone tells: many binary files begin with "solid" too
+    if len(data) == _HEAD + _RECORD.itemsize * count and count > 0:
+        return _binary(data, count, source, [])
+    text = decode(data)
+    if re.match(r"\s*solid\b", text, re.IGNORECASE) and ("\0" not in text or count < 0):
+        return _text(text, source)
+    if count < 0:
+        raise SceneError(f"{source}: cannot be read (neither text nor binary STL): save it again")
+    present = (len(data) - _HEAD) // _RECORD.itemsize
+    if count == 0 and present:
+        return _binary(data, present, source, [f"0 triangles are announced, and all {present} that follow are read"])
+    if count > present:
+        raise SceneError(f"{source}: {count} triangles are announced, but {present} follow: save it again")
+    rest = len(data) - _HEAD - _RECORD.itemsize * count
+    return _binary(data, count, source, [left_over(rest, "triangle")])
+
+
+def _binary(data: bytes, count: int, source: str, notes: list[str]) -> Mesh:
+    if not count:
+        raise no_faces(source)
+    records = np.frombuffer(data, _RECORD, count, _HEAD)
+    if b"COLOR=" in data[:80] or records["attribute"].any():
+        notes = ["face colours are not read", *notes]
+    return _mesh(records["corners"].astype(np.float64), source, notes)
+
+
+def _text(text: str, source: str) -> Mesh:
+    found = list(_FACET.finditer(text))
+    rows = [row for match in found for row in match.groups()]
+    broken = _broken_facet(_FACET.sub(lambda match: "\n" * match[0].count("\n"), text))
+    if broken is not None:
+        raise SceneError(f"{source}: line {broken}: a facet is not whole, or not of three corners: save it again")
+    if not rows:
+        raise no_faces(source)
+    try:
+        corners = floats([" ".join(row.split()) for row in rows], 3)
+    except BadRow as error:
+        row = " ".join(rows[error.row].split())
+        line = 1 + text.count("\n", 0, found[error.row // 3].start(error.row % 3 + 1))
+        hint = number_hint(row, "write vertex x y z")
+        raise SceneError(f"{source}: line {line}: {show(row)} is not a place: {hint}") from None
+    ended = re.search(r"^\s*endsolid\b", text[found[-1].end() :], re.IGNORECASE)
+    notes = [] if ended else ["there is no endsolid: some triangles may be missing"]
+    return _mesh(corners.reshape(-1, 3, 3), source, notes)
+
+
+def _broken_facet(rest: str) -> int | None:
+    """Return the line of what is left of a facet once the sound ones are taken out, None where nothing is.
+
+    The name of a solid may be made of the same words.
+    """
+    for number, line in enumerate(rest.split("\n"), 1):
+        words = line.lower().split()
+        if words and (words[0] not in ("solid", "endsolid") or _PIECE.search(line)):
+            return number
+    return None
+
+
+def _mesh(corners: Floats, source: str, notes: list[str]) -> Mesh:
+    """Return the mesh of triangles (n, 3, 3), vertices at the same place made one."""
+    vertices = corners.reshape(-1, 3)
+    check_vertices(source, vertices, lambda i: f"facet {i // 3}")
+    together = weld(vertices)
+    kept = together == np.arange(len(vertices))
+    faces = (np.cumsum(kept) - 1)[together].reshape(-1, 3)
+    return Mesh(vertices[kept], faces, notes)
