@@ -46,10 +46,16 @@ def item(document: Table, name: str, number: Any) -> Table:
 
 def whole(table: Table, name: str, place: str, otherwise: int | None = None) -> int:
     """Return a whole number of an object, `otherwise` where there is none. Raises Broken."""
-    value = table.get(name, otherwise)
+    value: Any = table.get(name, otherwise)
     if not _is_whole(value):
         raise Broken(f"{place}.{name}: {show(value)} is not a whole number: save it again")
     return int(value)
+
+
+def extensions_of(table: Table) -> list[str]:
+    """Return the names of an object's extensions."""
+    found = table.get("extensions")
+    return list(found) if isinstance(found, dict) else []
 
 
 def _is_whole(value: Any) -> bool:
@@ -85,7 +91,7 @@ class Accessors:
         """Return the rows of an accessor, normalized ones as what they stand for, sparse ones filled in."""
         accessor, place = item(self.document, "accessors", number), f"accessors[{number}]"
         component = accessor.get("componentType")
-        if accessor.get("type") != kind or component not in _KINDS:
+        if accessor.get("type") != kind or not isinstance(component, int) or component not in _KINDS:
             told = f"{show(accessor.get('type'))} of {show(component)}"
             raise Broken(f"{place}: {told} where {kind} is expected: save it again")
         count, dtype, width = whole(accessor, "count", place), np.dtype(_KINDS[component]), _WIDTHS[kind]
@@ -104,10 +110,8 @@ class Accessors:
 
     def _filled(self, array: NDArray[Any], sparse: Any, width: int, dtype: np.dtype[Any], place: str) -> NDArray[Any]:
         """Return an array with the rows that differ put in."""
-        parts = [sparse.get(name) for name in ("indices", "values")] if isinstance(sparse, dict) else [None]
-        if not all(isinstance(part, dict) for part in parts):
-            raise Broken(f"{place}: lacks indices or values: save it again")
-        indices, values = parts
+        parts = [sparse.get(name) for name in ("indices", "values")] if isinstance(sparse, dict) else []
+        indices, values = (part if isinstance(part, dict) else {} for part in parts or (None, None))
         count = whole(sparse, "count", place)
         kind = indices.get("componentType")
         if kind not in (5121, 5123, 5125):
@@ -126,7 +130,7 @@ class Accessors:
         """Return rows (count, width) that begin `start` bytes into a buffer view."""
         view = item(self.document, "bufferViews", number)
         name = f"bufferViews[{number}]"
-        packed = [n for n in (view.get("extensions") or ()) if "meshopt" in n]
+        packed = [n for n in extensions_of(view) if "meshopt" in n]
         data = self._buffer(view.get("buffer"), packed)
         offset, length = whole(view, "byteOffset", name, 0), whole(view, "byteLength", name)
         size = width * dtype.itemsize
@@ -140,9 +144,9 @@ class Accessors:
 
     def _buffer(self, number: Any, packed: list[str]) -> bytes:
         """Return the bytes of a buffer: those of the file, of its JSON, or of another file."""
+        buffer, place = item(self.document, "buffers", number), f"buffers[{number}]"
         if number in self.buffers:
             return self.buffers[number]
-        buffer, place = item(self.document, "buffers", number), f"buffers[{number}]"
         uri = buffer.get("uri")
         if uri is None:
             if number != 0 or self.binary is None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxrt.description import SceneError, show
 from jaxrt.io.folders import Folders
-from jaxrt.io.meshes.accessors import Accessors, Broken, item, rows
+from jaxrt.io.meshes.accessors import Accessors, Broken, extensions_of, item, rows
 from jaxrt.io.meshes.nodes import drawn_nodes
 from jaxrt.io.meshes.polygons import Polygons
 from jaxrt.io.meshes.soundness import Mesh, check_vertices, no_faces
@@ -99,8 +99,8 @@ class _Reader:
 
     def _check_extensions(self) -> None:
         required = self.document.get("extensionsRequired", [])
-        for name in required if isinstance(required, list) else [required]:
-            if name not in _READ and not (isinstance(name, str) and name.startswith(_LOOKS)):
+        for name in map(str, required if isinstance(required, list) else [required]):
+            if name not in _READ and not name.startswith(_LOOKS):
                 raise Broken(f"needs the extension {show(name)}, which is not read: save it without")
 
     def _tell(self, node: dict[str, Any], mesh: dict[str, Any]) -> None:
@@ -110,14 +110,13 @@ class _Reader:
             self._say("morph targets are left out")
         if "skin" in node:
             self._say("skins are left out: the mesh is drawn as modelled, unposed")
-        extensions = node.get("extensions")
-        if isinstance(extensions, dict) and _INSTANCES in extensions:
+        if _INSTANCES in extensions_of(node):
             self._say(f"{_INSTANCES} is not read: one instance is drawn of many")
 
     def _primitive(self, primitive: dict[str, Any], place: str) -> tuple[Floats, Ints] | None:
         """Return vertices and faces of a primitive, None for points and lines."""
         mode = primitive.get("mode", 4)
-        if mode not in range(7):
+        if not isinstance(mode, int) or mode not in range(7):
             raise Broken(f"{place}.mode: {show(mode)} is none of 0 to 6: save it again")
         if mode not in _TRIANGLES:
             self._say("points and lines are left out")
@@ -125,7 +124,7 @@ class _Reader:
         attributes = primitive.get("attributes")
         if not isinstance(attributes, dict) or "POSITION" not in attributes:
             raise Broken(f"{place}: has no POSITION: save it again")
-        packed = _PACKED & set(primitive.get("extensions") or ())
+        packed = _PACKED.intersection(extensions_of(primitive))
         if packed and not self.accessors.has_data(attributes["POSITION"]):
             raise Broken(f"{place}: needs the extension {show(min(packed))}, which is not read: save it without")
         if any(name.startswith("COLOR_") for name in attributes):

@@ -14,7 +14,7 @@ from jaxrt.description import SceneError, show
 from jaxrt.io.meshes.polygons import Polygons
 from jaxrt.io.meshes.soundness import Mesh, check_polygons, check_vertices, cut, no_faces
 from jaxrt.io.meshes.text import BadRow, floats, integers, number_hint
-from jaxrt.mesh_facts import Ints
+from jaxrt.mesh_facts import Floats, Ints
 
 # Of no consequence for the picture: normals and texture places, groups, names, rules for smoothing and detail
 _PASSED = frozenset("vn vt vp o g s mg bevel c_interp d_interp lod shadow_obj trace_obj maplib usemap call csh".split())
@@ -66,7 +66,7 @@ class _Reader:
         self.before: list[int] = []  # vertices that come before each polygon
         self.uses: list[Use] = []
         self.libraries: list[Library] = []
-        self.others: dict[str, list[int]] = {"lines and points": [], "curves and surfaces": [], "unknown words": []}
+        self.others: dict[str, list[int]] = {"edges and points": [], "curves and surfaces": [], "unknown words": []}
 
     def read(self, text: str) -> Obj:
         for line, word, rest in _statements(text):
@@ -95,7 +95,7 @@ class _Reader:
         elif word == "mtllib":
             self.libraries.append(Library(rest.strip(), line))
         elif word in _LINES:
-            self.others["lines and points"].append(line)
+            self.others["edges and points"].append(line)
         elif word in _CURVES:
             self.others["curves and surfaces"].append(line)
         else:
@@ -104,7 +104,7 @@ class _Reader:
     def _left_out(self) -> Iterator[str]:
         for kind, lines in self.others.items():
             if lines:
-                yield f"{kind} are left out ({len(lines)} statements, first: line {lines[0]})"
+                yield f"{len(lines)} lines of {kind} are left out (first: line {lines[0]})"
 
     def _line(self, polygon: int) -> str:
         return f"line {self.corner_lines[polygon]}"
@@ -112,7 +112,8 @@ class _Reader:
     def _refuse(self, line: int, trouble: str) -> NoReturn:
         raise SceneError(f"{self.source}: line {line}: {trouble}")
 
-    def _vertices(self):
+    def _vertices(self) -> tuple[Floats, list[str]]:
+        """Return the vertices, and what stands beside them."""
         rows = [row.split("#", 1)[0] for row in self.places] if any("#" in row for row in self.places) else self.places
         try:
             vertices = floats(rows, 3)
@@ -145,10 +146,9 @@ class _Reader:
         beyond = polygons.corners >= count
         if beyond.any():
             known = f"use 1 to {count}" if count else "the file has no vertices"
-            i = int(np.argmax(beyond))
-            self._refuse(
-                self.corner_lines[polygons.owner(i)], f"vertex {polygons.corners[i] + 1} does not exist: {known}"
-            )
+            owner = polygons.owner(int(np.argmax(beyond)))
+            highest = polygons.corners[polygons.starts[owner] :][: sizes[owner]].max() + 1
+            self._refuse(self.corner_lines[owner], f"vertex {highest} does not exist: {known}")
         check_polygons(self.source, polygons, count, self._line)
         return polygons
 

@@ -15,12 +15,6 @@ from jaxrt.io.meshes.text import BadRow, floats, integers, is_count, number_hint
 from jaxrt.mesh_facts import Floats
 
 _HEAD = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF(?![A-Za-z])")
-_NO_OFF = "the first line is not OFF: check that this is an OFF file"
-
-
-class _Row(NamedTuple):
-    line: int
-    words: list[str]
 
 
 class _Kind(NamedTuple):
@@ -43,19 +37,25 @@ def read_off(text: str, source: str) -> Mesh:
 
 
 class _Reader:
+    """An OFF file's lines, as far as they are not read yet."""
+
     def __init__(self, source: str):
         self.source = source
+        self.rows: list[str] = []
+        self.lines: list[int] = []  # their numbers
         self.notes: list[str] = []
 
     def read(self, text: str) -> Mesh:
-        rows = [_Row(i, line.split("#", 1)[0].split()) for i, line in enumerate(text.split("\n"), 1)]
-        rows = [row for row in rows if row.words]
-        kind, rows = self._head(rows)
-        v, n, rows = self._counts(rows)
+        text = re.sub(r"#.*", "", text) if "#" in text else text
+        for number, row in enumerate(text.split("\n"), 1):
+            if row and not row.isspace():
+                self.rows.append(row)
+                self.lines.append(number)
+        kind = self._head()
+        v, n = self._counts()
         if n == 0:
             raise no_faces(self.source)
-        by_lines = self._by_lines(rows, kind, v, n)
-        vertices, polygons, places = by_lines or self._as_stream(rows, kind, v, n)
+        vertices, polygons, places = self._by_lines(kind, v, n) or self._as_stream(kind, v, n)
         check_polygons(self.source, polygons, v, places)
         triangles, _, crossed = cut(vertices, polygons, places)
         if kind.coloured:
@@ -65,127 +65,144 @@ class _Reader:
     def _refuse(self, trouble: str, line: int | None = None) -> NoReturn:
         raise SceneError(f"{self.source}: {'' if line is None else f'line {line}: '}{trouble}")
 
-    def _head(self, rows: list[_Row]) -> tuple[_Kind, list[_Row]]:
-        """Return what the first word says, and the rows after it. Without one, the file begins with its counts."""
-        if not rows:
-            self._refuse(_NO_OFF)
-        line, words = rows[0]
+    def _take(self, count: int) -> list[str]:
+        """Return the next words, at most `count`, and be done with them."""
+        taken: list[str] = []
+        done = 0
+        while len(taken) < count and done < len(self.rows):
+            words = self.rows[done].split()
+            missing = count - len(taken)
+            taken += words[:missing]
+            if len(words) > missing:
+                self.rows[done] = " ".join(words[missing:])
+                break
+            done += 1
+        self.rows, self.lines = self.rows[done:], self.lines[done:]
+        return taken
+
+    def _head(self) -> _Kind:
+        """Return what the first word says. Without one, the file begins with its counts."""
+        words = self.rows[0].split() if self.rows else [""]
         match = _HEAD.match(words[0]) or _HEAD.match(words[0].upper())
         if match is None:
             if not (len(words) in (2, 3) and all(map(is_count, words))):
-                self._refuse(_NO_OFF)
-            return _Kind(False, False, False, False), rows
-        rest = [words[0][match.end() :], *words[1:]]
-        rest = [word for word in rest if word]
-        if rest and rest[0].upper() == "BINARY":
+                self._refuse("the first line is not OFF: check that this is an OFF file")
+            return _Kind(False, False, False, False)
+        # The counts may follow at once
+        self.rows[0] = self.rows[0].strip()[match.end() :]
+        if not self.rows[0].strip():
+            self.rows, self.lines = self.rows[1:], self.lines[1:]
+        elif self.rows[0].split()[0].upper() == "BINARY":
             self._refuse("is a binary OFF file, which is not read: save it as text")
-        kind = _Kind(*map(bool, match.groups()[:4]))
-        rows = ([_Row(line, rest)] if rest else []) + rows[1:]
-        if match[5]:
-            rows = self._skip_dimension(rows)
-        return kind, rows
+        if match[5] and (dimensions := " ".join(self._take(1))) != "3":
+            self._refuse(f"{show(dimensions)} dimensions: save the mesh with 3")
+        return _Kind(*map(bool, match.groups()[:4]))
 
-    def _skip_dimension(self, rows: list[_Row]) -> list[_Row]:
-        """Return the rows after the number of dimensions of an nOFF file, which must be 3."""
-        line, words = rows[0] if rows else _Row(1, [""])
-        if words[0] != "3":
-            self._refuse(f"{show(words[0])} dimensions: save the mesh with 3", line)
-        return ([_Row(line, words[1:])] if words[1:] else []) + rows[1:]
-
-    def _counts(self, rows: list[_Row]) -> tuple[int, int, list[_Row]]:
-        """Return the numbers of vertices and of faces, and the rows after them. The number of edges may be missing."""
-        if not rows:
-            self._refuse("no counts of vertices and faces: save it again")
-        taken = rows[0].words if len(rows[0].words) in (2, 3) else [w for row in rows[:3] for w in row.words][:3]
+    def _counts(self) -> tuple[int, int]:
+        """Return the numbers of vertices and of faces. The number of edges may be missing."""
+        line = self.lines[0] if self.lines else 1
+        on_line = len(self.rows[0].split()) if self.rows else 0
+        taken = self._take(on_line if on_line in (2, 3) else 3)
         if len(taken) < 2 or not all(map(is_count, taken)):
-            self._refuse(f"{show(' '.join(taken))} is not 2 finite numbers: write the counts", rows[0].line)
+            self._refuse(f"{show(' '.join(taken))} is not 2 finite numbers: write the counts", line)
         v, n = int(taken[0]), int(taken[1])
-        # Three numbers that are not on a line of their own
-        left = len(taken)
-        while left:
-            words = rows[0].words
-            rows = rows[1:] if len(words) <= left else [_Row(rows[0].line, words[left:]), *rows[1:]]
-            left -= min(left, len(words))
-        if 3 * v + 4 * n > sum(len(row.words) for row in rows):
-            self._refuse(f"{v} vertices and {n} faces are announced, but the file ends early: save it again")
-        return v, n, rows
+        # Each takes two characters at least
+        if 3 * v + 4 * n > sum(map(len, self.rows)):
+            self._refuse_end(v, n)
+        return v, n
 
-    def _by_lines(self, rows: list[_Row], kind: _Kind, v: int, n: int) -> tuple[Floats, Polygons, Place] | None:
+    def _refuse_end(self, v: int, n: int) -> NoReturn:
+        self._refuse(f"{v} vertices and {n} faces are announced, but the file ends early: save it again")
+
+    def _by_lines(self, kind: _Kind, v: int, n: int) -> tuple[Floats, Polygons, Place] | None:
         """Return vertices, polygons and their places where each stands on a line of its own, colours behind it."""
-        vertex_rows, face_rows = rows[:v], rows[v : v + n]
         width = 3 + kind.homogeneous
-        if len(face_rows) < n or any(len(row.words) < width for row in vertex_rows):
+        widths = [len(row.split()) for row in self.rows[:v]] or [width]
+        if len(self.rows) < v + n or min(widths) < width:
             return None
-        sizes = [int(row.words[0]) if is_count(row.words[0]) else -1 for row in face_rows]
-        if any(len(row.words) <= size for row, size in zip(face_rows, sizes, strict=True)):
+        rows, lines = self.rows[v : v + n], self.lines[v : v + n]
+        polygons = _equal_polygons(" ".join(rows), n) or self._polygons(rows, lines)
+        if polygons is None:
             return None
-        if len(rows) > v + n:
-            self._refuse(f"{n} faces are announced, but more follows: correct the counts", rows[v + n].line)
-        lines = [row.line for row in face_rows]
-        for line, size, row in zip(lines, sizes, face_rows, strict=True):
-            if size < 0:
-                self._refuse(f"{show(' '.join(row.words))} is not a face: write its size and its vertices", line)
-        vertices = self._vertices([row.words[:width] for row in vertex_rows], [row.line for row in vertex_rows])
-        flat = [w for row, size in zip(face_rows, sizes, strict=True) for w in row.words[1 : 1 + size]]
-        corners = integers(" ".join(flat), len(flat))
-        if corners is None:
-            self._refuse_corner(face_rows, sizes)
-        if any(len(row.words) > 1 + size for row, size in zip(face_rows, sizes, strict=True)):
-            self.notes.append("face colours are not read")
-        return vertices, Polygons(corners, np.array(sizes, np.int64)), lambda i: f"line {lines[i]}"
+        if max(widths) > kind.width - 4 * kind.coloured and not kind.coloured:
+            self.notes.append("vertex colours are not read")
+        if len(self.rows) > v + n:
+            self._refuse(f"{n} faces are announced, but more follows: correct the counts", self.lines[v + n])
+        return self._vertices(self.rows[:v], self.lines[:v], width), polygons, lambda i: f"line {lines[i]}"
 
-    def _refuse_corner(self, rows: list[_Row], sizes: list[int]) -> NoReturn:
-        for row, size in zip(rows, sizes, strict=True):
-            for word in row.words[1 : 1 + size]:
+    def _polygons(self, rows: list[str], lines: list[int]) -> Polygons | None:
+        """Return polygons of any sizes, one a line, None where a line is too short for what it begins with."""
+        words = [row.split() for row in rows]
+        sizes = [int(row[0]) if is_count(row[0]) else -1 for row in words]
+        if any(len(row) <= size for row, size in zip(words, sizes, strict=True)):
+            return None
+        if min(sizes) < 0:
+            i = sizes.index(-1)
+            self._refuse(f"{show(rows[i].strip())} is not a face: write its size and its vertices", lines[i])
+        if any(len(row) > 1 + size for row, size in zip(words, sizes, strict=True)):
+            self.notes.append("face colours are not read")
+        return self._ragged([row[1 : 1 + size] for row, size in zip(words, sizes, strict=True)], lines)
+
+    def _ragged(self, polygons: list[list[str]], lines: list[int]) -> Polygons:
+        flat = [word for polygon in polygons for word in polygon]
+        corners = integers(" ".join(flat), len(flat))
+        if corners is not None:
+            return Polygons(corners, np.array([len(polygon) for polygon in polygons], np.int64))
+        for polygon, line in zip(polygons, lines, strict=True):
+            for word in polygon:
                 if not re.fullmatch(r"-?\d+", word, re.ASCII):
-                    self._refuse(f"{show(word)} does not name a vertex: write its number, from 0", row.line)
+                    self._refuse(f"{show(word)} does not name a vertex: write its number, from 0", line)
         self._refuse("a face is written in no way that is known: save it again")
 
-    def _as_stream(self, rows: list[_Row], kind: _Kind, v: int, n: int) -> tuple[Floats, Polygons, Place]:
-        """Return vertices, polygons and their places of a file in which line ends mean nothing."""
-        words = [word for row in rows for word in row.words]
-        lines = np.repeat([row.line for row in rows], [len(row.words) for row in rows])
-        end = v * kind.width
-        if end > len(words):
-            self._refuse(f"{v} vertices are announced, but the file ends in them: save it again")
-        vertices = self._vertices(
-            [words[i : i + 3 + kind.homogeneous] for i in range(0, end, kind.width)], lines[: end : kind.width].tolist()
-        )
-        starts, at = [], end
-        for i in range(n):
-            size = words[at] if at < len(words) else ""
-            if not size or (is_count(size) and at + int(size) >= len(words)):
-                self._refuse(f"{n} faces are announced, but the file ends in face {i}: save it again")
+    def _as_stream(self, kind: _Kind, v: int, n: int) -> tuple[Floats, Polygons, Place]:
+        """Return vertices, polygons and their places of a file in which line ends mean little."""
+        words = " ".join(self.rows).split()
+        lines = np.repeat(self.lines, [len(row.split()) for row in self.rows])
+        at = v * kind.width
+        starts: list[int] = []
+        if at > len(words):
+            self._refuse_end(v, n)
+        rows = [" ".join(words[i : i + 3 + kind.homogeneous]) for i in range(0, at, kind.width)]
+        vertices = self._vertices(rows, lines[: at : kind.width].tolist(), 3 + kind.homogeneous)
+        while len(starts) < n:
+            size = words[at] if at < len(words) else "0"
+            if at >= len(words) or (is_count(size) and at + int(size) >= len(words)):
+                self._refuse_end(v, n)
             if not is_count(size):
                 self._refuse(f"{show(size)} is not the size of a face: write one face a line", int(lines[at]))
             starts.append(at)
             at += 1 + int(size)
-        # A file that has lines for its faces begins each on a new one
-        inside = [i for i in starts[1:] if lines[i] == lines[i - 1]]
-        if inside and rows[-1].line - lines[end] >= n:
-            self._refuse("a face begins in mid-line: write one face a line", int(lines[inside[0]]))
         if at < len(words):
             self._refuse(f"{n} faces are announced, but more follows: correct the counts", int(lines[at]))
-        sizes = np.array([int(words[i]) for i in starts], np.int64)
-        flat = [w for i, size in zip(starts, sizes.tolist(), strict=True) for w in words[i + 1 : i + 1 + size]]
-        corners = integers(" ".join(flat), len(flat))
-        if corners is None:
-            parts = [_Row(int(lines[i]), words[i:]) for i in starts]
-            self._refuse_corner(parts, sizes.tolist())
-        return vertices, Polygons(corners, sizes), lambda i: f"line {lines[starts[i]]}"
+        # A file that has lines for its faces begins each on a new one
+        inside = [i for i in starts[1:] if lines[i] == lines[i - 1]]
+        if inside and len(np.unique(lines[starts[0] :])) >= n:
+            self._refuse("a face begins in mid-line: write one face a line", int(lines[inside[0]]))
+        at_lines = lines[starts].tolist()
+        polygons = [words[i + 1 : i + 1 + int(words[i])] for i in starts]
+        return vertices, self._ragged(polygons, at_lines), lambda i: f"line {at_lines[i]}"
 
-    def _vertices(self, words: list[list[str]], lines: list[int]) -> Floats:
-        width = len(words[0]) if words else 3
-        rows = [" ".join(row) for row in words]
+    def _vertices(self, rows: list[str], lines: list[int], width: int) -> Floats:
         try:
             vertices = floats(rows, width)
         except BadRow as error:
-            row = rows[error.row]
+            row = " ".join(rows[error.row].split()[:width])
             hint = number_hint(row, "correct it")
             self._refuse(f"{show(row)} is not {width} finite numbers: {hint}", lines[error.row])
         if width == 4:
             # Homogeneous: the place is that of x/w, y/w, z/w
-            with np.errstate(divide="ignore", invalid="ignore"):
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 vertices = vertices[:, :3] / vertices[:, 3:]
         check_vertices(self.source, vertices, lambda i: f"line {lines[i]}: vertex {i}")
         return vertices
+
+
+def _equal_polygons(words: str, count: int) -> Polygons | None:
+    """Return polygons of one size, as nearly all files have them, read at once; None for others."""
+    size = words.split(None, 1)[0]
+    if not is_count(size) or int(size) > len(words):
+        return None
+    flat = integers(words, count * (1 + int(size)))
+    if flat is None or (flat[:: 1 + int(size)] != int(size)).any():
+        return None
+    return Polygons(flat.reshape(count, -1)[:, 1:].ravel(), np.full(count, int(size)))

@@ -50,7 +50,7 @@ def read_ply(data: bytes, source: str) -> Mesh:
 
 def _notes(head: Head) -> Iterator[str]:
     for name in ("vertex", "face"):
-        if any(e.name == name and e.count and e.find(*_COLOURS) for e in head.elements):
+        if any(e.name == name and e.number and e.find(*_COLOURS) for e in head.elements):
             yield f"{name} colours are not read"
     if head.textures:
         yield "textures are not read"
@@ -70,14 +70,15 @@ def _vertices(columns: Columns, source: str) -> Floats:
 
 def _faces(head: Head, columns: dict[str, Columns], vertices: Floats, source: str) -> tuple[Ints, list[str]]:
     """Return the triangles of faces, then those of strips, and what was done to crossed polygons."""
-    found, notes = [np.zeros((0, 3), np.int64)], []
+    found = [np.zeros((0, 3), np.int64)]
+    notes: list[str] = []
     for element in head.elements:
-        if element.name == "face" and element.count:
+        if element.name == "face" and element.number:
             polygons = _whole(columns["face"][_corners_of(element, source).name], source)
             check_polygons(source, polygons, len(vertices), _face)
             triangles, _, notes = cut(vertices, polygons, _face)
             found.append(triangles)
-        elif element.name == "tristrips" and element.count:
+        elif element.name == "tristrips" and element.number:
             strips = _whole(columns["tristrips"][_corners_of(element, source).name], source)
             triangles = strip_triangles(strips)
             check_polygons(source, Polygons(triangles.ravel(), np.full(len(triangles), 3)), len(vertices), _strip_face)
@@ -131,10 +132,10 @@ class _Text:
 
     def columns(self, element: Element) -> Columns:
         """Return the columns of an element, whose rows come next."""
-        rows = self.rows[self.at : self.at + element.count]
-        if len(rows) < element.count:
+        rows = self.rows[self.at : self.at + element.number]
+        if len(rows) < element.number:
             self._refuse_count(element, len(rows))
-        first, self.at = self.at, self.at + element.count
+        first, self.at = self.at, self.at + element.number
         words = "\n".join(rows).split()
         starts = np.cumsum([0] + [len(row.split()) for row in rows])
         try:
@@ -146,8 +147,8 @@ class _Text:
         found, ends = _take_columns(
             element, starts[:-1], starts[1:], lambda at, _: values[np.minimum(at, len(values) - 1)], _one
         )
-        wrong = np.flatnonzero(ends != starts[1:]) if element.properties else []
-        if len(wrong):
+        wrong = np.flatnonzero(ends != starts[1:])
+        if len(wrong) and element.properties:
             self._refuse(first + int(wrong[0]), f"not as many numbers as the head says of {element.name}: correct it")
         return found
 
@@ -162,7 +163,7 @@ class _Text:
 
     def _refuse_count(self, element: Element, present: int) -> NoReturn:
         raise SceneError(
-            f"{self.source}: {element.count} rows of {element.name} are announced, but {present} follow: save it again"
+            f"{self.source}: {element.number} rows of {element.name} are announced, but {present} follow: save it again"
         )
 
 
@@ -181,7 +182,7 @@ class _Binary:
 
     def columns(self, element: Element) -> Columns:
         """Return the columns of an element, whose rows come next."""
-        if not element.properties or not element.count:
+        if not element.properties or not element.number:
             return {p.name: np.zeros(0) for p in element.properties}
         starts = self._starts(element)
         found, ends = _take_columns(element, starts, np.full(len(starts), len(self.data)), self._take, _bytes)
@@ -203,9 +204,9 @@ class _Binary:
         """Return where each row begins; all lie whole in the file."""
         fixed = sum(_bytes(p.kind) for p in element.properties if p.size_kind is None)
         if all(p.size_kind is None for p in element.properties):
-            if self.at + element.count * fixed > len(self.data):
+            if self.at + element.number * fixed > len(self.data):
                 self._refuse_end(element)
-            return self.at + np.arange(element.count) * fixed
+            return self.at + np.arange(element.number) * fixed
         return self._equal_rows(element) if self._are_equal(element) else self._walk(element)
 
     def _row_length(self, element: Element, at: int) -> int:
@@ -217,8 +218,7 @@ class _Binary:
                 continue
             size = _bytes(p.size_kind)
             signed = p.size_kind.startswith("i")
-            order = "big" if self.order == ">" else "little"
-            count = int.from_bytes(self.data[at : at + size], order, signed=signed)
+            count = int.from_bytes(self.data[at : at + size], "big" if self.order == ">" else "little", signed=signed)
             at += size + max(count, 0) * _bytes(p.kind)
             if count < 0 or at > len(self.data):
                 self._refuse_end(element)
@@ -229,9 +229,9 @@ class _Binary:
     def _are_equal(self, element: Element) -> bool:
         """Return whether all lists are as long as those of the first row, as in a mesh of triangles alone."""
         length = self._row_length(element, self.at)
-        if self.at + element.count * length > len(self.data):
+        if self.at + element.number * length > len(self.data):
             return False
-        starts = self.at + np.arange(element.count) * length
+        starts = self.at + np.arange(element.number) * length
         at = starts
         for p in element.properties:
             if p.size_kind is not None:
@@ -244,18 +244,18 @@ class _Binary:
         return True
 
     def _equal_rows(self, element: Element) -> Ints:
-        return self.at + np.arange(element.count) * self._row_length(element, self.at)
+        return self.at + np.arange(element.number) * self._row_length(element, self.at)
 
     def _walk(self, element: Element) -> Ints:
         at, starts = self.at, []
-        for _ in range(element.count):
+        for _ in range(element.number):
             starts.append(at)
             at += self._row_length(element, at)
         return np.array(starts, np.int64)
 
     def _refuse_end(self, element: Element) -> NoReturn:
         raise SceneError(
-            f"{self.source}: {element.count} rows of {element.name} are announced, but the file ends in them: "
+            f"{self.source}: {element.number} rows of {element.name} are announced, but the file ends in them: "
             "save it again"
         )
 

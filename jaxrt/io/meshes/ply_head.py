@@ -25,7 +25,7 @@ class Element(NamedTuple):
     """Rows of one kind."""
 
     name: str
-    count: int
+    number: int  # of rows
     properties: list[Property]
 
     def find(self, *names: str) -> Property | None:
