@@ -6,6 +6,8 @@ from pathlib import Path
 
 from jaxrt.description import SceneError, show
 
+LONGEST = 250  # characters of a name
+
 Folders = Sequence[str | os.PathLike[str]]
 
 
@@ -16,6 +18,8 @@ def named_file(name: str, owner: Path, place: str, allow_folders: Folders = ()) 
     file from somebody else must not choose what is opened here.
     """
     path = owner.parent / name
+    if len(name) > LONGEST:
+        raise SceneError(f"{owner}: {place}: {show(name)} names no file (it is too long): correct it")
     try:
         real = path.resolve()
         roots = [Path(folder).resolve() for folder in (owner.parent, *allow_folders)]

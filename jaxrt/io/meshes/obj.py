@@ -104,7 +104,7 @@ class _Reader:
     def _left_out(self) -> Iterator[str]:
         for kind, lines in self.others.items():
             if lines:
-                yield f"{len(lines)} lines of {kind} are left out (first: line {lines[0]})"
+                yield f"{kind} ({len(lines)}, first on line {lines[0]}) are left out"
 
     def _line(self, polygon: int) -> str:
         return f"line {self.corner_lines[polygon]}"

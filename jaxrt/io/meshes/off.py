@@ -52,10 +52,15 @@ class _Reader:
                 self.rows.append(row)
                 self.lines.append(number)
         kind = self._head()
-        v, n = self._counts()
+        v, n, edges = self._counts()
         if n == 0:
             raise no_faces(self.source)
-        vertices, polygons, places = self._by_lines(kind, v, n) or self._as_stream(kind, v, n)
+        found = self._by_lines(kind, v, n)
+        if found is None:
+            # Where line ends mean little, the number of edges stands on the next line rather than nowhere
+            self._take(0 if edges else 1)
+            found = self._as_stream(kind, v, n)
+        vertices, polygons, places = found
         check_polygons(self.source, polygons, v, places)
         triangles, _, crossed = cut(vertices, polygons, places)
         if kind.coloured:
@@ -95,11 +100,11 @@ class _Reader:
         elif self.rows[0].split()[0].upper() == "BINARY":
             self._refuse("is a binary OFF file, which is not read: save it as text")
         if match[5] and (dimensions := " ".join(self._take(1))) != "3":
-            self._refuse(f"{show(dimensions)} dimensions: save the mesh with 3")
+            self._refuse(f"{dimensions[:20]} dimensions: save the mesh with 3")
         return _Kind(*map(bool, match.groups()[:4]))
 
-    def _counts(self) -> tuple[int, int]:
-        """Return the numbers of vertices and of faces. The number of edges may be missing."""
+    def _counts(self) -> tuple[int, int, bool]:
+        """Return the numbers of vertices and of faces, and whether that of edges, which may be missing, was there."""
         line = self.lines[0] if self.lines else 1
         on_line = len(self.rows[0].split()) if self.rows else 0
         taken = self._take(on_line if on_line in (2, 3) else 3)
@@ -109,7 +114,7 @@ class _Reader:
         # Each takes two characters at least
         if 3 * v + 4 * n > sum(map(len, self.rows)):
             self._refuse_end(v, n)
-        return v, n
+        return v, n, len(taken) == 3
 
     def _refuse_end(self, v: int, n: int) -> NoReturn:
         self._refuse(f"{v} vertices and {n} faces are announced, but the file ends early: save it again")
@@ -174,9 +179,9 @@ class _Reader:
             at += 1 + int(size)
         if at < len(words):
             self._refuse(f"{n} faces are announced, but more follows: correct the counts", int(lines[at]))
-        # A file that has lines for its faces begins each on a new one
-        inside = [i for i in starts[1:] if lines[i] == lines[i - 1]]
-        if inside and len(np.unique(lines[starts[0] :])) >= n:
+        # A file that has lines for its faces begins each on a new one, the first too
+        inside = [i for i in starts if lines[i] == lines[i - 1]]
+        if inside and inside[0] > starts[0] and len(np.unique(lines[starts[0] :])) >= n:
             self._refuse("a face begins in mid-line: write one face a line", int(lines[inside[0]]))
         at_lines = lines[starts].tolist()
         polygons = [words[i + 1 : i + 1 + int(words[i])] for i in starts]

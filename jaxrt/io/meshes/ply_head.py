@@ -1,5 +1,6 @@
 """The head of a PLY file: which elements follow, how many, and what each holds."""
 
+import codecs
 from typing import NamedTuple, NoReturn
 
 from jaxrt.description import SceneError, nearest, show
@@ -56,13 +57,13 @@ class _Reader:
         self.textures = False
 
     def read(self, data: bytes) -> Head:
-        data = data.removeprefix(b"\xef\xbb\xbf")
-        if not data.startswith((b"ply\n", b"ply\r", b"ply ")):
+        begin = len(codecs.BOM_UTF8) if data.startswith(codecs.BOM_UTF8) else 0
+        if not data.startswith((b"ply\n", b"ply\r", b"ply "), begin):
             raise SceneError(f"{self.source}: cannot be read (not a PLY file): save it again")
         # The head's own line end: after a lone carriage return, numbers may begin with the byte of a line feed
         first = data.find(b"\n"), data.find(b"\r")
         end = b"\r\n" if first[1] == first[0] - 1 else b"\r" if first[0] < 0 or 0 <= first[1] < first[0] else b"\n"
-        start, number = 0, 0
+        start, number = begin, 0
         while True:
             stop = data.find(end, start)
             line = decode(data[start : stop if stop >= 0 else len(data)])
