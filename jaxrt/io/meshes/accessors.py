@@ -16,7 +16,7 @@ from jaxrt.mesh_facts import Floats, Ints
 
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC3": 3}
-_LARGEST = 2**28  # rows of an accessor without bytes of its own
+_LARGEST = 2**24  # rows of an accessor without bytes of its own
 
 Table = dict[str, Any]
 
@@ -110,8 +110,9 @@ class Accessors:
 
     def _filled(self, array: NDArray[Any], sparse: Any, width: int, dtype: np.dtype[Any], place: str) -> NDArray[Any]:
         """Return an array with the rows that differ put in."""
-        parts = [sparse.get(name) for name in ("indices", "values")] if isinstance(sparse, dict) else []
-        indices, values = (part if isinstance(part, dict) else {} for part in parts or (None, None))
+        if not (isinstance(sparse, dict) and all(isinstance(sparse.get(k), dict) for k in ("indices", "values"))):
+            raise Broken(f"{place}: lacks indices or values: save it again")
+        indices, values = sparse["indices"], sparse["values"]
         count = whole(sparse, "count", place)
         kind = indices.get("componentType")
         if kind not in (5121, 5123, 5125):

@@ -92,6 +92,8 @@ class _Reader:
             case ["format", *words]:
                 self._refuse(number, f"unknown format {show(' '.join(words))}: save it as ascii 1.0 or binary")
             case ["element", name, count] if is_count(count):
+                if any(element.name == name for element in self.elements):
+                    self._refuse(number, f"element {show(name)} is announced twice: save it again")
                 self.elements.append(Element(name, int(count), []))
             case ["property", "list", size_kind, kind, name] if self.elements:
                 self._add(number, Property(name, self._kind(number, kind), self._kind(number, size_kind)))
@@ -103,6 +105,8 @@ class _Reader:
     def _add(self, number: int, new: Property) -> None:
         if new.size_kind is not None and new.size_kind.startswith("f"):
             self._refuse(number, f"the size of list {show(new.name)} is no whole number: save it again")
+        if self.elements[-1].find(new.name):
+            self._refuse(number, f"property {show(new.name)} is announced twice: save it again")
         self.elements[-1].properties.append(new)
 
     def _kind(self, number: int, word: str) -> str:
