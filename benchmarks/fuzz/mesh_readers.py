@@ -51,7 +51,7 @@ def _text(path: Path) -> str:
 def _plain_obj(path: Path) -> tuple[int, float, float]:
     vertices: list[list[float]] = []
     polygons: list[list[int]] = []
-    for line in _text(path).replace("\\\n", " ").splitlines():
+    for line in _text(path).replace("\\\n", " ").split("\n"):
         words = line.split()
         if words[:1] == ["v"]:
             vertices.append([float(word) for word in words[1:4]])

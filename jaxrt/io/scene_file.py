@@ -50,6 +50,8 @@ def _with_mesh_files(mapping: dict[str, Any], folder: Path, source: str, allow_f
 
 
 def _with_mesh_file(mesh: Any, folder: Path, place: str, allow_folders: Folders) -> Any:
+    if isinstance(mesh, dict) and "notes" in mesh:
+        raise SceneError(f'{place}: unknown key "notes": leave it out')
     if not isinstance(mesh, dict) or "file" not in mesh:
         return mesh
     file = mesh["file"]

@@ -13,7 +13,7 @@ import numpy as np
 from jaxrt.description import SceneError, show
 from jaxrt.io.meshes.polygons import Polygons
 from jaxrt.io.meshes.soundness import Mesh, check_polygons, check_vertices, cut, no_faces
-from jaxrt.io.meshes.text import BadRow, floats, integers, number_hint
+from jaxrt.io.meshes.text import BadRow, floats, number_hint, numbers
 from jaxrt.mesh_facts import Floats, Ints
 
 # Of no consequence for the picture: normals and texture places, groups, names, rules for smoothing and detail
@@ -131,7 +131,9 @@ class _Reader:
             rows = [row.split("#", 1)[0] for row in rows]
         sizes = np.array([len(row.split()) for row in rows], np.int64)
         words = "\n".join(rows)
-        corners = integers(re.sub(r"/[\d/+-]*(?=\s|$)", "", words) if "/" in words else words, int(sizes.sum()))
+        corners = numbers(
+            re.sub(r"/[\d/+-]*(?=\s|$)", "", words) if "/" in words else words, int(sizes.sum()), np.int64
+        )
         if corners is None:
             self._explain(rows)
         before = np.repeat(np.array(self.before), sizes)
@@ -164,6 +166,9 @@ class _Reader:
 def _extras(rows: list[str]) -> Iterator[str]:
     """Tell what rows of vertices hold besides their places."""
     widths = np.array([len(row.split()) for row in rows], np.int64)
+    unlike = np.flatnonzero(widths != widths[:1])
+    if len(unlike):
+        yield f"vertex {unlike[0] + 1} has {widths[unlike[0]]} numbers, and the first {widths[0]}: one may be lost"
     if (widths >= 6).any():
         yield "vertex colours are not read"
     weighted = [row.split()[3] for row, width in zip(rows, widths.tolist(), strict=True) if width == 4]

@@ -11,7 +11,7 @@ import numpy as np
 from jaxrt.description import SceneError, show
 from jaxrt.io.meshes.polygons import Polygons
 from jaxrt.io.meshes.soundness import Mesh, Place, check_polygons, check_vertices, cut, no_faces
-from jaxrt.io.meshes.text import BadRow, floats, integers, is_count, number_hint
+from jaxrt.io.meshes.text import BadRow, floats, is_count, number_hint, numbers
 from jaxrt.mesh_facts import Floats
 
 _HEAD = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF(?![A-Za-z])")
@@ -122,14 +122,15 @@ class _Reader:
     def _by_lines(self, kind: _Kind, v: int, n: int) -> tuple[Floats, Polygons, Place] | None:
         """Return vertices, polygons and their places where each stands on a line of its own, colours behind it."""
         width = 3 + kind.homogeneous
-        widths = [len(row.split()) for row in self.rows[:v]] or [width]
-        if len(self.rows) < v + n or min(widths) < width:
+        # A row that is longer or shorter than the others has lost a number, or is none
+        widths = {len(row.split()) for row in self.rows[:v]} or {kind.width}
+        if len(self.rows) < v + n or len(widths) > 1 or min(widths) < kind.width - kind.coloured:
             return None
         rows, lines = self.rows[v : v + n], self.lines[v : v + n]
         polygons = _equal_polygons(" ".join(rows), n) or self._polygons(rows, lines)
         if polygons is None:
             return None
-        if max(widths) > kind.width - 4 * kind.coloured and not kind.coloured:
+        if max(widths) > kind.width and not kind.coloured:
             self.notes.append("vertex colours are not read")
         if len(self.rows) > v + n:
             self._refuse(f"{n} faces are announced, but more follows: correct the counts", self.lines[v + n])
@@ -150,7 +151,7 @@ class _Reader:
 
     def _ragged(self, polygons: list[list[str]], lines: list[int]) -> Polygons:
         flat = [word for polygon in polygons for word in polygon]
-        corners = integers(" ".join(flat), len(flat))
+        corners = numbers(" ".join(flat), len(flat), np.int64)
         if corners is not None:
             return Polygons(corners, np.array([len(polygon) for polygon in polygons], np.int64))
         for polygon, line in zip(polygons, lines, strict=True):
@@ -207,7 +208,7 @@ def _equal_polygons(words: str, count: int) -> Polygons | None:
     size = words.split(None, 1)[0]
     if not is_count(size) or int(size) > len(words):
         return None
-    flat = integers(words, count * (1 + int(size)))
+    flat = numbers(words, count * (1 + int(size)), np.int64)
     if flat is None or (flat[:: 1 + int(size)] != int(size)).any():
         return None
     return Polygons(flat.reshape(count, -1)[:, 1:].ravel(), np.full(count, int(size)))

@@ -15,7 +15,7 @@ from jaxrt.io.meshes.ply_head import Element, Head, Property, read_head
 from jaxrt.io.meshes.polygons import Polygons
 from jaxrt.io.meshes.soundness import Mesh, check_polygons, check_vertices, cut, left_over, no_faces
 from jaxrt.io.meshes.strips import strip_triangles
-from jaxrt.io.meshes.text import BadRow, decode, floats, number_hint
+from jaxrt.io.meshes.text import BadRow, decode, floats, number_hint, numbers
 from jaxrt.mesh_facts import Floats, Ints
 
 _LISTS = ("vertex_indices", "vertex_index")
@@ -136,14 +136,11 @@ class _Text:
         if len(rows) < element.number:
             self._refuse_count(element, len(rows))
         first, self.at = self.at, self.at + element.number
-        words = "\n".join(rows).split()
+        text = "\n".join(rows)
         starts = np.cumsum([0] + [len(row.split()) for row in rows])
-        try:
-            values = floats(words, 1)[:, 0]
-        except BadRow as error:
-            row = int(np.searchsorted(starts, error.row, side="right")) - 1
-            hint = number_hint(words[error.row], "save it again")
-            self._refuse(first + row, f"{show(words[error.row])} is not a number: {hint}")
+        values = numbers(text, int(starts[-1]), np.float64)
+        if values is None:
+            values = self._values(text.split(), starts, first)
         found, ends = _take_columns(
             element, starts[:-1], starts[1:], lambda at, _: values[np.minimum(at, len(values) - 1)], _one
         )
@@ -151,6 +148,15 @@ class _Text:
         if len(wrong) and element.properties:
             self._refuse(first + int(wrong[0]), f"not as many numbers as the head says of {element.name}: correct it")
         return found
+
+    def _values(self, words: list[str], starts: Ints, first: int) -> Numbers:
+        """Return the numbers of words that are not as plain as most, or refuse the first that is none."""
+        try:
+            return floats(words, 1)[:, 0]
+        except BadRow as error:
+            row = int(np.searchsorted(starts, error.row, side="right")) - 1
+            hint = number_hint(words[error.row], "save it again")
+            self._refuse(first + row, f"{show(words[error.row])} is not a number: {hint}")
 
     def rest(self) -> str:
         """Refuse rows that the head does not announce."""

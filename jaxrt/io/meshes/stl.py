@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxrt.description import SceneError, show
 from jaxrt.io.meshes.soundness import Mesh, check_vertices, left_over, no_faces
-from jaxrt.io.meshes.text import BadRow, decode, floats, number_hint
+from jaxrt.io.meshes.text import BadRow, decode, floats, number_hint, numbers
 from jaxrt.mesh_facts import Floats, weld
 
 _HEAD = 84  # bytes: a comment, and the number of triangles
@@ -16,6 +16,8 @@ _FACET = re.compile(
     rf"facet\s+normal\s+\S+\s+\S+\s+\S+\s+outer\s+loop\s+{_VERTEX * 3}endloop\s+endfacet", re.IGNORECASE
 )
 
+# A facet word by word, numbers left blank
+_WORDS = ["facet", "normal", *3 * [""], "outer", "loop", *3 * ["vertex", "", "", ""], "endloop", "endfacet"]
 _PIECE = re.compile(r"endloop|endfacet|vertex\s+[-+.\d]", re.IGNORECASE)
 
 
@@ -49,6 +51,9 @@ def _binary(data: bytes, count: int, source: str, notes: list[str]) -> Mesh:
 
 
 def _text(text: str, source: str) -> Mesh:
+    corners = _regular(text)
+    if corners is not None:
+        return _mesh(corners, source, [])
     found = list(_FACET.finditer(text))
     rows = [row for match in found for row in match.groups()]
     broken = _broken_facet(_FACET.sub(lambda match: "\n" * match[0].count("\n"), text))
@@ -66,6 +71,20 @@ def _text(text: str, source: str) -> Mesh:
     ended = re.search(r"^\s*endsolid\b", text[found[-1].end() :], re.IGNORECASE)
     notes = [] if ended else ["there is no endsolid: some triangles may be missing"]
     return _mesh(corners.reshape(-1, 3, 3), source, notes)
+
+
+def _regular(text: str) -> Floats | None:
+    """Return the corners (n, 3, 3) of one solid in the plainest words, which nearly all large files are; else None."""
+    words = text[max(text.find("facet normal"), 0) :].split()
+    count, width = len(words) // len(_WORDS), len(_WORDS)
+    end = count * width
+    if not count or words[end : end + 1] != ["endsolid"]:
+        return None
+    if any(word and words[i:end:width].count(word) != count for i, word in enumerate(_WORDS)):
+        return None
+    places = [words[i:end:width] for i, word in enumerate(_WORDS) if not word][3:]
+    found = numbers(" ".join([" ".join(column) for column in places]), 9 * count, np.float64)
+    return None if found is None else found.reshape(3, 3, count).transpose(2, 0, 1)
 
 
 def _broken_facet(rest: str) -> int | None:

@@ -4,10 +4,12 @@ import codecs
 import re
 import warnings
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from jaxrt.mesh_facts import Floats, Ints
+from jaxrt.mesh_facts import Floats
 
 _MARKS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
 _NUMBER = re.compile(r"[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|inf|infinity|nan)", re.ASCII | re.IGNORECASE)
@@ -59,14 +61,14 @@ def floats(rows: Sequence[str], columns: int) -> Floats:
     return np.array([[float(word) for word in row.split()[:columns]] for row in rows])
 
 
-def integers(words: str, count: int) -> Ints | None:
-    """Return the whole numbers (count,) that stand in a text, None where it holds anything else."""
+def numbers(words: str, count: int, kind: type[np.generic]) -> NDArray[Any] | None:
+    """Return the numbers (count,) of a `kind` that stand in a text, None where it holds anything else."""
     if not count:
-        return np.zeros(0, np.int64) if not words.strip() else None
+        return np.zeros(0, kind) if not words.strip() else None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", DeprecationWarning)
-            found = np.fromstring(words, np.int64, sep=" ")
+            found = np.fromstring(words, kind, sep=" ")
     except (ValueError, DeprecationWarning):
         return None
     # A sign parts two numbers as well as a space does: count the words too
