@@ -75,18 +75,23 @@ class _Ring:
     def clip(self) -> Ints | None:
         """Return the triangles, None where no ear is found."""
         triangles, looks, count = [], 0, len(self.points)
-        waiting = deque(range(count))
+        waiting = deque((i, 0) for i in range(count))
+        # How often a corner was put off: a clipped ear's neighbours wait for another round, or all would make one fan
+        # of slivers, each as wide as the polygon
+        put_off = [0] * count
         while count > 3:
             if not waiting:
                 looks += 1
-                waiting.extend(self._look_anew() if looks <= LOOKS else ())
+                waiting.extend((i, put_off[i]) for i in (self._look_anew() if looks <= LOOKS else ()))
                 if not waiting:
                     return None
-            i = waiting.popleft()
-            if not self.left[i] or not self._is_ear(i, flat=looks > 0):
+            i, entry = waiting.popleft()
+            if not self.left[i] or entry != put_off[i] or not self._is_ear(i, flat=looks > 0):
                 continue
             triangles.append([self.before[i], i, self.after[i]])
-            waiting.extend(self._remove(i))
+            for j in self._remove(i):
+                put_off[j] += 1
+                waiting.append((j, put_off[j]))
             count -= 1
         last = int(np.flatnonzero(self.left)[0])
         triangles.append([last, self.after[last], self.after[self.after[last]]])
