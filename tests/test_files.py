@@ -3,6 +3,7 @@
 import itertools
 import json
 import os
+import re
 import struct
 import time
 import tomllib
@@ -408,3 +409,17 @@ def test_l8_an_off_file_of_many_faces(tmp_path, kind):
     mesh, _ = load(tmp_path / "a.off")
     assert time.perf_counter() - start < 5
     np.testing.assert_array_equal(mesh["faces"], faces)
+
+
+def test_f8_no_facet_of_a_text_file_is_lost_without_a_word(tmp_path):
+    """Each word in turn is spelt wrongly, in the plainest file and in one line of it."""
+    text = (FOLDER / "text.stl").read_text()
+    for whole in (text, text.replace("\n", " "), text + "solid b\nfacet normal 0 0 0\n outer loop\n  vertex 0 0 0\n"):
+        words = re.split(r"(\s+)", whole)
+        for i in range(0, len(words) - 1, 2):
+            (tmp_path / "a.stl").write_text("".join([*words[:i], "x" + words[i], *words[i + 1 :]]))
+            try:
+                mesh, told = load(tmp_path / "a.stl")
+            except jaxrt.SceneError:
+                continue
+            assert told or len(mesh["faces"]) == 4

@@ -21,7 +21,16 @@ from jaxrt.mesh_facts import Floats, Ints
 
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 # Extensions that change no triangle: how a surface looks, lights, names
-_LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "KHR_lights_", "EXT_lights_", "KHR_xmp")
+_LOOKS = (
+    "KHR_materials_",
+    "KHR_texture_",
+    "EXT_texture_",
+    "MSFT_texture_",
+    "KHR_lights_",
+    "EXT_lights_",
+    "KHR_xmp",
+    "KHR_animation_",
+)
 _READ = frozenset(["KHR_mesh_quantization"])
 _INSTANCES = "EXT_mesh_gpu_instancing"
 _PACKED = frozenset(["KHR_draco_mesh_compression"])

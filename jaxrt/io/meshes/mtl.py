@@ -1,5 +1,6 @@
 """MTL files beside OBJ files: `Kd` becomes a diffuse material; what else they say is told, not drawn."""
 
+import difflib
 import os
 import re
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ from jaxrt.io.meshes.text import BadRow, decode, floats, number_hint
 
 OVERRIDE = "name a material in the scene file (in Python: materials=False)"
 ROUNDING = 1e-5  # that a decimal in a file may be beyond [0, 1]
+SOUGHT, LISTED, LONGEST = 1000, 10, 120  # names among which the nearest is sought, that are told; letters of files
 _COMMENT = re.compile(r"(?:^|\s)#.*$")
 _ONE_FILE = re.compile(r"\S.*?\.mtl(?=\s|$)", re.IGNORECASE)
 
@@ -60,16 +62,21 @@ def _find(use: Use, paints: dict[str, Paint], obj: Obj, path: Path) -> Paint:
     """Return what a usemtl names, with or without what may be a comment behind it."""
     paint = paints.get(use.name) or paints.get(_bare(use.name))
     if paint is None or "kd" not in paint.values:
-        libraries = ", ".join(library.names for library in obj.libraries)
-        known = [name for name, other in paints.items() if "kd" in other.values]
-        twin = [name for name in known if name.lower() == _bare(use.name).lower()]
-        hint = f" (did you mean {show(twin[0])}?)" if twin else nearest(_bare(use.name), known[:100])
-        texture = ", but a texture, which is not read" if paint and "map_kd" in paint.values else hint
+        libraries = ", ".join(library.names for library in obj.libraries)[:LONGEST]
+        texture = ", but a texture, which is not read" if paint and "map_kd" in paint.values else ""
         raise SceneError(
-            f"{path}: line {use.line}: {libraries} has no Kd for material {show(_bare(use.name))}{texture}: "
+            f"{path}: line {use.line}: {libraries} has no Kd for material {show(_bare(use.name))}"
+            f"{texture or _like(_bare(use.name), [n for n, other in paints.items() if 'kd' in other.values])}: "
             f"add it, or {OVERRIDE}"
         )
     return paint
+
+
+def _like(name: str, known: list[str]) -> str:
+    """Return the hint of a name that is meant, first one that differs in capitals alone."""
+    twins = [other for other in known if other.lower() == name.lower()]
+    near = twins or difflib.get_close_matches(name, known[:SOUGHT], n=1)
+    return f" (did you mean {show(near[0])}?)" if near else nearest(name, known[:LISTED])
 
 
 def _bare(name: str) -> str:
@@ -79,7 +86,7 @@ def _bare(name: str) -> str:
 def _read_libraries(libraries: list[Library], path: Path, allow_folders: Folders) -> tuple[dict[str, Paint], list[str]]:
     """Return the materials of all libraries by name, and what is doubtful about them."""
     paints: dict[str, Paint] = {}
-    notes: list[str] = []
+    twins: list[Paint] = []
     files = {file: library.line for library in libraries for file in _files(library, path, allow_folders)}
     for file, line in files.items():
         try:
@@ -89,14 +96,16 @@ def _read_libraries(libraries: list[Library], path: Path, allow_folders: Folders
         for paint in _paints(decode(data), file):
             twin = paints.get(paint.name)
             if twin and twin.values.get("kd") != paint.values.get("kd"):
-                notes.append(
-                    f"material {show(paint.name)} is defined twice, and drawn as on line {paint.line} of {file.name}"
-                )
+                twins.append(paint)
             paints[paint.name] = paint
     # A name may hold what looks like a comment, so the whole of it goes first
     for name in list(paints):
         paints.setdefault(_bare(name), paints[name]._replace(name=_bare(name)))
-    return paints, notes
+    if not twins:
+        return paints, []
+    last, others = twins[0], f", and {len(twins) - 1} more" if len(twins) > 1 else ""
+    where = f"on line {last.line} of {last.file.name}"
+    return paints, [f"material {show(last.name)} is defined twice, and drawn as {where}{others}"]
 
 
 def _files(library: Library, path: Path, allow_folders: Folders) -> list[Path]:

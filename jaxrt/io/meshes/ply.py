@@ -102,7 +102,7 @@ def _corners_of(element: Element, source: str) -> Property:
     lists = [p for p in element.properties if p.size_kind and not p.kind.startswith("f")]
     named = [p for p in lists if p.name in _LISTS] or [p for p in lists if "vert" in p.name] or lists
     if len(named) != 1:
-        names = ", ".join(p.name for p in element.properties) or "nothing"
+        names = ", ".join(p.name for p in element.properties[:8]) or "nothing"
         raise SceneError(f"{source}: {element.name} has no list of vertices ({names}): name it vertex_indices")
     return named[0]
 

@@ -11,6 +11,7 @@ KINDS = {
     "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
     "float32": "f4", "float64": "f8", "int64": "i8", "uint64": "u8",
 }  # fmt: skip
+LONGEST = 60  # letters of a name
 ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
@@ -83,6 +84,8 @@ class _Reader:
 
     def _line(self, number: int, line: str) -> None:
         match line.split():
+            case ["element" | "property", *words] if max(map(len, words), default=0) > LONGEST:
+                self._refuse(number, f"{show(line)}: a name of more than {LONGEST} letters: shorten it")
             case [] | ["ply"] | ["obj_info", *_]:
                 pass
             case ["comment", *words]:

@@ -56,7 +56,7 @@ def _text(text: str, source: str) -> Mesh:
         return _mesh(corners, source, [])
     found = list(_FACET.finditer(text))
     rows = [row for match in found for row in match.groups()]
-    broken = _broken_facet(_FACET.sub(lambda match: "\n" * match[0].count("\n"), text))
+    broken, notes = _look_at_rest(_FACET.sub(lambda match: "\n" * match[0].count("\n"), text))
     if broken is not None:
         raise SceneError(f"{source}: line {broken}: a facet is not whole, or not of three corners: save it again")
     if not rows:
@@ -69,16 +69,21 @@ def _text(text: str, source: str) -> Mesh:
         hint = number_hint(row, "write vertex x y z")
         raise SceneError(f"{source}: line {line}: {show(row)} is not a place: {hint}") from None
     ended = re.search(r"^\s*endsolid\b", text[found[-1].end() :], re.IGNORECASE)
-    notes = [] if ended else ["there is no endsolid: some triangles may be missing"]
+    notes += [] if ended else ["there is no endsolid: some triangles may be missing"]
     return _mesh(corners.reshape(-1, 3, 3), source, notes)
 
 
 def _regular(text: str) -> Floats | None:
     """Return the corners (n, 3, 3) of one solid in the plainest words, which nearly all large files are; else None."""
-    words = text[max(text.find("facet normal"), 0) :].split()
+    start = max(text.find("facet normal"), 0)
+    words = text[start:].split()
     count, width = len(words) // len(_WORDS), len(_WORDS)
     end = count * width
-    if not count or words[end : end + 1] != ["endsolid"]:
+    if not count or words[end : end + 1] != ["endsolid"] or "\n" in text[:start].strip():
+        return None
+    # What stands around the facets may be a broken one
+    around = text[:start] + " ".join(words[end:])
+    if _PIECE.search(around) or "facet" in around:
         return None
     if any(word and words[i:end:width].count(word) != count for i, word in enumerate(_WORDS)):
         return None
@@ -87,16 +92,18 @@ def _regular(text: str) -> Floats | None:
     return None if found is None else found.reshape(3, 3, count).transpose(2, 0, 1)
 
 
-def _broken_facet(rest: str) -> int | None:
-    """Return the line of what is left of a facet once the sound ones are taken out, None where nothing is.
+def _look_at_rest(rest: str) -> tuple[int | None, list[str]]:
+    """Return the line of a piece of a facet, None where there is none, and a note of other words that are left out.
 
-    The name of a solid may be made of the same words.
+    rest: the text without its sound facets. The name of a solid may be made of the words of a facet.
     """
+    unknown = 0
     for number, line in enumerate(rest.split("\n"), 1):
         words = line.lower().split()
-        if words and (words[0] not in ("solid", "endsolid") or _PIECE.search(line)):
-            return number
-    return None
+        if words and (words[0] in _WORDS or _PIECE.search(line)):
+            return number, []
+        unknown += bool(words) and words[0] not in ("solid", "endsolid")
+    return None, [f"unknown words ({unknown} lines) are left out"] * bool(unknown)
 
 
 def _mesh(corners: Floats, source: str, notes: list[str]) -> Mesh:
