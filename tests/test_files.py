@@ -18,6 +18,7 @@ import jaxrt
 from jaxrt.checks import warnings_of
 from jaxrt.io import read_description
 from jaxrt.io.files import LARGEST
+from jaxrt.io.meshes.polygons import Polygons, triangulate
 
 FOLDER = Path(__file__).parent / "files"
 EXPECTED = tomllib.loads((FOLDER / "expected.toml").read_text())
@@ -168,6 +169,25 @@ def test_f2_a_curved_grid_in_z_order_has_one_side(tmp_path):
         meshes.append(load(tmp_path / name))
     assert not meshes[0][1] and "400 of 400 polygons have corners in crossed order" in meshes[1][1][0]
     np.testing.assert_array_equal(meshes[0][0]["faces"], meshes[1][0]["faces"])
+
+
+def test_f2_quads_in_right_order_are_left_alone():
+    """2,000 random ones, convex and concave, in random planes: the area is that of the outline, and nothing is told."""
+    rng = np.random.default_rng(5)
+    places = rng.uniform(-1, 1, (2000, 4, 2))
+    # By angle around the corners' mean the outline does not cross itself
+    angle = np.arctan2(*np.moveaxis(places - places.mean(axis=1, keepdims=True), -1, 0)[::-1])
+    flat = np.take_along_axis(places, np.argsort(angle, axis=1)[..., None], axis=1)
+    frames = np.linalg.qr(rng.normal(size=(2000, 3, 3)))[0][:, :2]
+    corners = (flat @ frames + rng.normal(size=(2000, 1, 3))).reshape(-1, 3)
+    found = triangulate(corners, Polygons(np.arange(8000), np.full(2000, 4)))
+    assert len(found.uncrossed) == 0 and len(found.crossed) == 0
+    x, y = np.moveaxis(flat, -1, 0)
+    truth = np.abs(np.sum(x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y, axis=1)) / 2
+    a, b, c = (corners[found.triangles[:, i]] for i in range(3))
+    areas = np.bincount(found.sources, np.linalg.norm(np.cross(b - a, c - a), axis=-1) / 2)
+    np.testing.assert_allclose(areas, truth, rtol=1e-9)
+    assert np.sum(found.triangles[::2, 0] % 4 != 0) > 100  # concave ones, cut along their other diagonal
 
 
 def test_f3_one_crossing_polygon_of_many_is_a_fan_and_told(tmp_path):

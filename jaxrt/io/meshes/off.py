@@ -180,10 +180,11 @@ class _Reader:
             at += 1 + int(size)
         if at < len(words):
             self._refuse(f"{n} faces are announced, but more follows: correct the counts", int(lines[at]))
-        # A file that has lines for its faces begins each on a new one, the first too
-        inside = [i for i in starts if lines[i] == lines[i - 1]]
-        if inside and inside[0] > starts[0] and len(np.unique(lines[starts[0] :])) >= n:
-            self._refuse("a face begins in mid-line: write one face a line", int(lines[inside[0]]))
+        # A file of as many lines as things begins each thing on a new one
+        begins = np.array([*range(kind.width, v * kind.width, kind.width), *starts[v == 0 :]], np.int64)
+        inside = begins[lines[begins] == lines[begins - 1]]
+        if len(inside) and len(self.rows) >= v + n:
+            self._refuse("a vertex or face begins in mid-line: write one a line", int(lines[inside[0]]))
         at_lines = lines[starts].tolist()
         polygons = [words[i + 1 : i + 1 + int(words[i])] for i in starts]
         return vertices, self._ragged(polygons, at_lines), lambda i: f"line {at_lines[i]}"
