@@ -8,7 +8,9 @@ from pathlib import Path
 
 from jaxrt.description import SceneError, show
 
-LARGEST = 8 * 2**30  # bytes of a file that is read into memory
+MIB = 2**20
+SCENE_BYTES = 32 * MIB  # the most that a file of each kind may have
+MESH_BYTES = 2048 * MIB
 NAMES = 10_000  # of a folder, among which the nearest is sought
 
 
@@ -17,7 +19,7 @@ def read_bytes(
     suffixes: Sequence[str],
     thing: str = "a file",
     remedy: str = "check the path",
-    limit: int = LARGEST,
+    limit: int = MESH_BYTES,
 ) -> bytes:
     """Return the bytes of a regular file of at most `limit` bytes.
 

@@ -8,7 +8,13 @@ from jaxrt.description import SceneError, show
 
 LONGEST = 250  # characters of a name
 
-Folders = Sequence[str | os.PathLike[str]]
+StrPath = str | os.PathLike[str]
+Folders = Sequence[StrPath]
+
+
+def folders_of(allow_folders: Folders | StrPath) -> tuple[StrPath, ...]:
+    """Return the folders as a tuple; one name stands for itself, since its letters would allow all of the system."""
+    return (allow_folders,) if isinstance(allow_folders, str | os.PathLike) else tuple(allow_folders)
 
 
 def named_file(name: str, owner: Path, place: str, allow_folders: Folders = ()) -> Path:
@@ -22,7 +28,7 @@ def named_file(name: str, owner: Path, place: str, allow_folders: Folders = ()) 
         raise SceneError(f"{owner}: {place}: {show(name)} names no file (it is too long): correct it")
     try:
         real = path.resolve()
-        roots = [Path(folder).resolve() for folder in (owner.parent, *allow_folders)]
+        roots = [Path(folder).resolve() for folder in (owner.parent, *folders_of(allow_folders))]
     except (OSError, ValueError, RuntimeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise SceneError(f"{owner}: {place}: {show(name)} names no file ({reason}): correct it") from None

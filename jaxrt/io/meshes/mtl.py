@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxrt.description import SceneError, nearest, show
-from jaxrt.io.files import read_bytes
+from jaxrt.io.files import SCENE_BYTES, read_bytes
 from jaxrt.io.folders import Folders, named_file
 from jaxrt.io.meshes.obj import Library, Obj, Use
 from jaxrt.io.meshes.text import BadRow, decode, floats, number_hint
@@ -90,7 +90,7 @@ def _read_libraries(libraries: list[Library], path: Path, allow_folders: Folders
     files = {file: library.line for library in libraries for file in _files(library, path, allow_folders)}
     for file, line in files.items():
         try:
-            data = read_bytes(file, (".mtl",), remedy=f"correct mtllib, or {OVERRIDE}")
+            data = read_bytes(file, (".mtl",), remedy=f"correct mtllib, or {OVERRIDE}", limit=SCENE_BYTES)
         except SceneError as error:
             raise SceneError(f"{path}: line {line}: mtllib: {error}") from None
         for paint in _paints(decode(data), file):
