@@ -63,6 +63,7 @@ def _find(use: Use, paints: dict[str, Paint], obj: Obj, path: Path) -> Paint:
     paint = paints.get(use.name) or paints.get(_bare(use.name))
     if paint is None or "kd" not in paint.values:
         libraries = ", ".join(library.names for library in obj.libraries)[:LONGEST]
+        libraries = libraries if libraries.isprintable() else show(libraries)
         texture = ", but a texture, which is not read" if paint and "map_kd" in paint.values else ""
         raise SceneError(
             f"{path}: line {use.line}: {libraries} has no Kd for material {show(_bare(use.name))}"

@@ -12,7 +12,7 @@ from jaxrt.description import SceneError, show
 from jaxrt.io.meshes.polygons import Polygons
 from jaxrt.io.meshes.soundness import Mesh, Place, check_polygons, check_vertices, cut, no_faces
 from jaxrt.io.meshes.text import BadRow, floats, is_count, number_hint, numbers
-from jaxrt.mesh_facts import Floats
+from jaxrt.mesh_facts import Floats, Ints
 
 _HEAD = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF(?![A-Za-z])")
 
@@ -165,29 +165,38 @@ class _Reader:
         words = " ".join(self.rows).split()
         lines = np.repeat(self.lines, [len(row.split()) for row in self.rows])
         at = v * kind.width
-        starts: list[int] = []
         if at > len(words):
             self._refuse_end(v, n)
         rows = [" ".join(words[i : i + 3 + kind.homogeneous]) for i in range(0, at, kind.width)]
         vertices = self._vertices(rows, lines[: at : kind.width].tolist(), 3 + kind.homogeneous)
+        polygons = _equal_polygons(" ".join(words[at:]), n)
+        starts = (
+            self._face_starts(words, lines, at, n) if polygons is None else range(at, len(words), len(words[at:]) // n)
+        )
+        # A file of as many lines as things begins each thing on a new one
+        begins = np.array([*range(kind.width, v * kind.width, kind.width), *starts[v == 0 :]], np.int64)
+        inside = begins[lines[begins] == lines[begins - 1]]
+        if len(inside) and len(self.rows) >= v + n:
+            self._refuse("a vertex or face begins in mid-line: write one a line", int(lines[inside[0]]))
+        at_lines = lines[list(starts)].tolist()
+        if polygons is None:
+            polygons = self._ragged([words[i + 1 : i + 1 + int(words[i])] for i in starts], at_lines)
+        return vertices, polygons, lambda i: f"line {at_lines[i]}"
+
+    def _face_starts(self, words: list[str], lines: Ints, at: int, n: int) -> list[int]:
+        """Return where each face begins among the words, the first at `at`."""
+        starts: list[int] = []
         while len(starts) < n:
             size = words[at] if at < len(words) else "0"
             if at >= len(words) or (is_count(size) and at + int(size) >= len(words)):
-                self._refuse_end(v, n)
+                self._refuse(f"{n} faces are announced, but the file ends early: save it again")
             if not is_count(size):
                 self._refuse(f"{show(size)} is not the size of a face: write one face a line", int(lines[at]))
             starts.append(at)
             at += 1 + int(size)
         if at < len(words):
             self._refuse(f"{n} faces are announced, but more follows: correct the counts", int(lines[at]))
-        # A file of as many lines as things begins each thing on a new one
-        begins = np.array([*range(kind.width, v * kind.width, kind.width), *starts[v == 0 :]], np.int64)
-        inside = begins[lines[begins] == lines[begins - 1]]
-        if len(inside) and len(self.rows) >= v + n:
-            self._refuse("a vertex or face begins in mid-line: write one a line", int(lines[inside[0]]))
-        at_lines = lines[starts].tolist()
-        polygons = [words[i + 1 : i + 1 + int(words[i])] for i in starts]
-        return vertices, self._ragged(polygons, at_lines), lambda i: f"line {at_lines[i]}"
+        return starts
 
     def _vertices(self, rows: list[str], lines: list[int], width: int) -> Floats:
         try:
@@ -206,7 +215,7 @@ class _Reader:
 
 def _equal_polygons(words: str, count: int) -> Polygons | None:
     """Return polygons of one size, as nearly all files have them, read at once; None for others."""
-    size = words.split(None, 1)[0]
+    size = (words.split(None, 1) or [""])[0]
     if not is_count(size) or int(size) > len(words):
         return None
     flat = numbers(words, count * (1 + int(size)), np.int64)

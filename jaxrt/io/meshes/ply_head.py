@@ -84,8 +84,10 @@ class _Reader:
 
     def _line(self, number: int, line: str) -> None:
         match line.split():
-            case ["element" | "property", *words] if max(map(len, words), default=0) > LONGEST:
-                self._refuse(number, f"{show(line)}: a name of more than {LONGEST} letters: shorten it")
+            case ["element" | "property", *words] if not all(
+                len(word) <= LONGEST and word.isprintable() for word in words
+            ):
+                self._refuse(number, f"{show(line)}: a name of more than {LONGEST} letters, or of others: shorten it")
             case [] | ["ply"] | ["obj_info", *_]:
                 pass
             case ["comment", *words]:
