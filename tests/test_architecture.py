@@ -68,8 +68,8 @@ def test_foundations_have_no_cycle() -> None:
         reach(room, frozenset())
 
 
-# Lanes of pixels, lanes of edge samples, rays of one packet, arguments of a linear function
-MANY = {"film.py", "boundary", "traverse.py", "linear.py"}
+# A probe, lanes of pixels, lanes of edge samples, rays of one packet, arguments of a linear function
+MANY = {"internals.py", "film.py", "boundary", "traverse.py", "linear.py"}
 
 
 @pytest.mark.parametrize("module", MODULES, ids=str)

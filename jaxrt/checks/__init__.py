@@ -4,7 +4,7 @@ from jaxrt.checks.common import bodies_of
 from jaxrt.checks.coplanar import coincident_faces
 from jaxrt.checks.glass import crossing_glass, point_light_and_glass, unsound_glass
 from jaxrt.checks.lights import dark, near_point_lights, walled_in, walled_in_meshes
-from jaxrt.checks.view import dropped_faces, narrow_view, unused_materials
+from jaxrt.checks.view import dropped_faces, left_out, narrow_view, unused_materials
 from jaxrt.description import SceneDescription
 from jaxrt.memory import check_memory
 
@@ -20,6 +20,7 @@ def warnings_of(description: SceneDescription) -> list[str]:
         *unused_materials(description),
         *walled_in(description),
         *walled_in_meshes(description, bodies),
+        *left_out(description),
         *dropped_faces(bodies),
         *unsound_glass(bodies),
         *point_light_and_glass(description, bodies),

@@ -52,3 +52,10 @@ def dropped_faces(bodies: Sequence[Body]) -> Iterator[str]:
         dropped = np.setdiff1d(np.arange(count), body.mesh.kept, assume_unique=True)
         if len(dropped):
             yield f"{body.title}: {len(dropped)} of {count} faces have no area and are dropped, first {dropped[0]}"
+
+
+def left_out(scene: SceneDescription) -> Iterator[str]:
+    """Tell what mesh files hold that is not read, and what was mended."""
+    for i, mesh in enumerate(scene.meshes):
+        if mesh.notes:
+            yield f"meshes[{i}] ({mesh.file}): {mesh.notes}"

@@ -60,6 +60,7 @@ class MeshDescription(Table):
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
 
     file: Name | None = None  # where the arrays come from, if from a file
+    notes: Name | None = None  # what the file holds and the arrays do not, in one line
     vertices: Vertices = Field(default=None)  # (v, 3) float64
     faces: Faces = Field(default=None)  # (n, 3) int64 rows of `vertices`, counter-clockwise seen from outside
     material: Name | None = None  # of all faces

@@ -6,7 +6,7 @@ from jax.typing import DTypeLike
 from jaxrt.io.files import StrPath
 from jaxrt.io.folders import Folders
 from jaxrt.io.image import load_image, save_image
-from jaxrt.io.mesh_file import load_mesh
+from jaxrt.io.meshes import load_mesh
 from jaxrt.io.scene_file import read_description
 from jaxrt.scene import Scene, build
 

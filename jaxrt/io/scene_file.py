@@ -9,7 +9,7 @@ from typing import Any
 from jaxrt.description import SceneDescription, SceneError, parse_description, show
 from jaxrt.io.files import SCENE_BYTES, StrPath, read_bytes
 from jaxrt.io.folders import Folders, folders_of, named_file
-from jaxrt.io.mesh_file import load_mesh
+from jaxrt.io.meshes import read_mesh
 
 DEEPEST = 64  # parts of a dotted key; what tomllib does with more grows with their square
 # Each part ends for good where it ends, so that the search looks at each character a bounded number of times
@@ -20,6 +20,7 @@ _DOTTED = re.compile(rf"(?<![\w-])(?:{_PART}\.[ \t]*+){{{DEEPEST}}}")
 def read_description(path: StrPath, allow_folders: Folders = ()) -> SceneDescription:
     """Return the validated description in the TOML file at `path`, with the meshes that it names.
 
+    What these leave out of their files is carried along, and told by `build`.
     allow_folders: where meshes may lie besides the folder above the file's and all below that.
     Raises SceneError, one line that starts with the path, for a missing or unreadable file, malformed TOML,
     unsound meshes, and all that `parse_description` refuses.
@@ -60,6 +61,8 @@ def _with_mesh_files(mapping: dict[str, Any], path: Path, allow_folders: Folders
 
 
 def _with_mesh_file(mesh: Any, path: Path, number: int, allow_folders: Folders) -> Any:
+    if isinstance(mesh, dict) and "notes" in mesh:
+        raise SceneError(f'{path}: meshes[{number}]: unknown key "notes": leave it out')
     if not isinstance(mesh, dict) or "file" not in mesh:
         return mesh
     file, place = mesh["file"], f"meshes[{number}]"
@@ -71,7 +74,7 @@ def _with_mesh_file(mesh: Any, path: Path, number: int, allow_folders: Folders) 
     # A folder of scenes beside a folder of meshes is usual
     named = named_file(file, path, f"{place}.file", (path.parent / "..", *allow_folders))
     try:
-        return load_mesh(named, "material" not in mesh, allow_folders) | mesh
+        return read_mesh(named, "material" not in mesh, allow_folders) | mesh
     except SceneError as error:
         raise SceneError(f"{path}: {place}.file: {error}") from None
 

@@ -96,7 +96,7 @@ def exact_topology(vertices: np.ndarray, faces: np.ndarray, least: int = MIN_FAC
 
 def _room(count: int, faces: int, share: float) -> int:
     """Return the rows that a tree over so many faces gets, at least `count`: more than nearly all trees need."""
-    return _doubled(math.ceil(share * faces + 2 * math.sqrt(faces)), count)
+    return _doubled(math.ceil(share * faces + math.sqrt(faces)), count)
 
 
 def _doubled(size: int, least: int) -> int:

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import jaxrt
-from jaxrt.io.polygons import clip_ears
+from jaxrt.io.meshes.ears import clip_ears
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 DART = [[0, 0, 0], [2, 0, 0], [2, 2, 0], [1, 0.3, 0], [0, 2, 0]]  # concave: area 2.3, that of its fan 3.7
@@ -102,14 +102,27 @@ def test_i1a_random_star_polygons_are_filled(figures, seed):
     figures("I1a", "error of the area of stars of 30 corners; naive: a fan", naive=bad, ours=error, at_most=1e-10)
 
 
-def test_i1a_a_polygon_that_crosses_itself_is_refused(refusal):
-    bow = "v 0 0 0\nv 3 1 0\nv 3 0 0\nv 0 2 0\n\nf 1 2 3 4\n"
-    assert refusal(bow) == "line 6: the polygon crosses itself: split it into triangles"
-    off = "OFF\n4 1 0\n0 0 0\n3 1 0\n3 0 0\n0 2 0\n4 0 1 2 3\n"
-    assert refusal(off, "bow.off") == "line 7: the polygon crosses itself: split it into triangles"
+BOW = "0 0 0\n3 1 0\n3 0 0\n0 2 0\n"  # crosses itself; in order its area is 4.5
+
+
+@pytest.mark.parametrize("kind", ["obj", "off", "ply"])
+def test_i1a_a_quad_that_crosses_itself_is_put_in_order_and_told(load, kind):
     head = dart("ply").split("end_header")[0].replace("vertex 5", "vertex 4")
-    ply = head + "end_header\n0 0 0\n3 1 0\n3 0 0\n0 2 0\n4 0 1 2 3\n"
-    assert refusal(ply, "bow.ply") == "face 0: the polygon crosses itself: split it into triangles"
+    content, place = {
+        "obj": ("".join(f"v {row}\n" for row in BOW.splitlines()) + "\nf 1 2 3 4\n", "line 6"),
+        "off": (f"OFF\n4 1 0\n{BOW}4 0 1 2 3\n", "line 7"),
+        "ply": (f"{head}end_header\n{BOW}4 0 1 2 3\n", "face 0"),
+    }[kind]
+    with pytest.warns(jaxrt.SceneWarning, match=rf"1 of 1 polygons .* crossed order, .* \(first: {place}\)"):
+        mesh = load(content, f"bow.{kind}")
+    assert area(mesh) == pytest.approx(4.5, rel=1e-12)
+
+
+def test_i1a_a_polygon_of_more_corners_that_crosses_itself_is_a_fan_and_told(load):
+    angles = 4 * np.pi / 5 * np.arange(5)
+    star = "".join(f"v {x} {y} 0\n" for x, y in zip(np.cos(angles), np.sin(angles), strict=True)) + "f 1 2 3 4 5\n"
+    with pytest.warns(jaxrt.SceneWarning, match=r"1 of 1 polygons .* cross themselves, .* \(first: line 6\)"):
+        assert load(star)["faces"].tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
 
 
 def test_i1a_a_bent_quad_is_no_crossing(load):
@@ -294,7 +307,8 @@ def test_i7_what_loads_as_expected(figures, load):
     twice = load(SQUARE + "f 1 2 3\nf 1 2 3\n")
     np.testing.assert_array_equal(twice["faces"], [[0, 1, 2]] * 2)
     np.testing.assert_array_equal(load(SQUARE + "vn 0 0 1\nf 1//1 2//1 3//1\n")["faces"], [[0, 1, 2]])
-    colours = load("v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0 1 0 0\nf 1 2 3\n")
+    with pytest.warns(jaxrt.SceneWarning, match="vertex colours are not read"):
+        colours = load("v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0 1 0 0\nf 1 2 3\n")
     np.testing.assert_array_equal(colours["vertices"], [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
     np.testing.assert_array_equal(load(SQUARE + "f 1 2 \\\n3\n")["faces"], [[0, 1, 2]])
     np.testing.assert_array_equal(load(SQUARE + "o a\nf 1 2 3\no b\nf 1 3 4\n")["faces"], [[0, 1, 2], [0, 2, 3]])

@@ -1,0 +1,70 @@
+"""What every kind of mesh file is asked: vertices that are numbers, corners that exist, polygons cut to triangles."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxrt.description import SceneError, show
+from jaxrt.io.meshes.polygons import Polygons, triangulate
+from jaxrt.mesh_facts import Floats, Ints
+
+FLOAT32_MAX = float(np.finfo(np.float32).max)
+Place = Callable[[int], str]  # where in the file the i-th thing stands
+
+
+class Mesh(NamedTuple):
+    """What a mesh file holds."""
+
+    vertices: Floats  # (v, 3)
+    faces: Ints  # (n, 3)
+    notes: list[str]  # what the file holds and the mesh does not
+
+
+def left_over(count: int, where: str) -> str:
+    """Return the note of bytes that no count announces."""
+    return f"{count} byte{'s are' if count > 1 else ' is'} left out after the last {where}"
+
+
+def no_faces(source: str, why: str = "") -> SceneError:
+    """Return the error of a file without faces."""
+    return SceneError(f"{source}: no faces{why}: save the mesh with its faces")
+
+
+def check_vertices(source: str, vertices: Floats, place: Place) -> None:
+    """Raise SceneError for a vertex that is not finite or too large for float32."""
+    wrong = np.flatnonzero(np.any(~(np.abs(vertices) <= FLOAT32_MAX), axis=-1))
+    if not len(wrong):
+        return
+    vertex = vertices[wrong[0]]
+    trouble = "is too large for float32: stay within ±3.4e38"
+    if not np.isfinite(vertex).all():
+        trouble = "is not finite: repair the mesh"
+    raise SceneError(f"{source}: {place(int(wrong[0]))}: {show(vertex.tolist())} {trouble}")
+
+
+def check_polygons(source: str, polygons: Polygons, count: int, place: Place) -> None:
+    """Raise SceneError for a polygon of less than 3 corners, or of a vertex beyond `count`, counted from 0."""
+    short = np.flatnonzero(polygons.sizes < 3)
+    if len(short):
+        size = polygons.sizes[short[0]]
+        raise SceneError(f"{source}: {place(int(short[0]))}: a face of {size} vertices: name 3 or more")
+    wrong = np.flatnonzero((polygons.corners < 0) | (polygons.corners >= count))
+    if len(wrong):
+        known = f"use 0 to {count - 1}" if count else "the file has no vertices"
+        trouble = f"vertex {polygons.corners[wrong[0]]} does not exist: {known}"
+        raise SceneError(f"{source}: {place(polygons.owner(int(wrong[0])))}: {trouble}")
+
+
+def cut(vertices: Floats, polygons: Polygons, place: Place) -> tuple[Ints, Ints, list[str]]:
+    """Return the triangles (n, 3) of sound polygons, the polygon (n,) of each, and what was done to crossed ones."""
+    found = triangulate(vertices, polygons)
+    count = len(polygons.sizes)
+    notes = []
+    for numbers, trouble in (
+        (found.uncrossed, "corners in crossed order, which is mended"),
+        (found.crossed, "outlines that cross themselves, and are cut as fans: split them into triangles"),
+    ):
+        if len(numbers):
+            notes.append(f"{len(numbers)} of {count} polygons have {trouble} (first: {place(int(numbers[0]))})")
+    return found.triangles, found.sources, notes
