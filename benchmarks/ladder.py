@@ -75,16 +75,18 @@ LADDER: dict[str, dict[str, Any]] = {
 def forced(description: dict[str, Any]) -> dict[str, Any]:
     """Return the scene with every feature in it, and the same picture: what it lacks is there, and is not seen.
 
-    No object is made of the mirror and the glass; the environment is black; a smooth mesh and a dark sphere light lie
-    inside the white ball. A dark light takes 1/200 of the light samples, so pixels change by that much noise.
+    The environment is black; a mirror ball, one of glass, a smooth mesh and a dark sphere light lie inside the white
+    ball. A dark light takes 1/200 of the light samples, so pixels change by that much noise.
     """
     materials = {"inert mirror": MIRROR, "inert glass": GLASS}
+    inert = [{"center": [0, y, 0], "radius": 0.5, "material": name} for y, name in zip((5, -5), materials, strict=True)]
     dark = {"position": [-5, 0, 0], "intensity": 0, "radius": 0.5}
     return (
         {"environment": {"radiance": [0, 0, 0]}}
         | description
         | {
             "materials": description["materials"] | materials,
+            "spheres": [*description.get("spheres", []), *inert],
             "meshes": [*description.get("meshes", []), mesh(smooth=True, scale=0.5, place=(5, 0, 0))],
             "lights": [*description.get("lights", []), dark],
         }

@@ -90,7 +90,7 @@ def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = 
     check_memory(description.camera.width, description.camera.height)
     for message in warnings_of(description):
         warnings.warn(message, SceneWarning, stacklevel=2)
-    origin = _origin(description)
+    origin = description.origin
     listed = _listed(description, dtype)
     environment = description.environment
     scene = Scene(
@@ -108,21 +108,6 @@ def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = 
     )
     devices = default_devices()
     return scene if len(devices) == 1 else everywhere(scene, devices)
-
-
-def _origin(scene: SceneDescription) -> np.ndarray:
-    """Return the middle of camera, lights, meshes, triangles and all but huge spheres if it is far off, else zeros."""
-    eye = np.asarray(scene.camera.position, float)
-    points = [eye, *(np.asarray(light.position, float) for light in scene.lights)]
-    points += [np.asarray(corner, float) for t in scene.triangles for corner in t.vertices]
-    points += [corner for mesh in scene.meshes for corner in (mesh.world.min(axis=0), mesh.world.max(axis=0))]
-    for sphere in scene.spheres:
-        center = np.asarray(sphere.center, float)
-        if 2 * sphere.radius < np.linalg.norm(center - eye):
-            points += [center - sphere.radius, center + sphere.radius]
-    low, high = np.min(points, axis=0), np.max(points, axis=0)
-    middle = (low + high) / 2
-    return middle if np.linalg.norm(middle) > 8 * np.linalg.norm(high - low) else np.zeros(3)
 
 
 def _camera(camera: CameraDescription, origin: np.ndarray, dtype: DTypeLike) -> Camera:

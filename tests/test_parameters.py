@@ -102,9 +102,10 @@ def test_a_change_changes_that_and_nothing_else(scene, name):
 
 def test_albedos_reach_their_materials(scene):
     new = np.arange(12, dtype=np.float32).reshape(4, 3) / 16
-    changed = jaxrt.with_parameters(scene, {"materials.albedo": new}).materials
-    np.testing.assert_array_equal(changed.mirror.albedo, new[[0, 2]])
-    np.testing.assert_array_equal(changed.diffuse.albedo, new[[1, 3]])
+    changed = jaxrt.with_parameters(scene, {"materials.albedo": new})
+    np.testing.assert_array_equal(changed.materials.mirror.albedo, new[[0]])
+    np.testing.assert_array_equal(changed.materials.diffuse.albedo, new[[1, 3]])
+    np.testing.assert_array_equal(changed.idle.albedo, new[[2]])
 
 
 def test_plain_numbers_and_lists_are_accepted(scene):

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks.fuzz import pictures, reports, scenes
+from benchmarks.fuzz import meshes, pictures, reports, scenes
 from benchmarks.fuzz.judge import run, traps
 from benchmarks.fuzz.values import BOX
 
@@ -60,6 +60,7 @@ def main() -> int:
     parser.add_argument(
         "--files", type=int, default=2600, metavar="M", help="pictures, and a third of them fit.json (2600)"
     )
+    parser.add_argument("--meshes", type=int, default=5000, metavar="K", help="mesh files (5000)")
     args = parser.parse_args()
     faulthandler.enable()
     bad = 0
@@ -80,6 +81,7 @@ def main() -> int:
             for verdict in faults:
                 print(f"  {verdict.fault}: {verdict.case.name[:80]}: {verdict.text[-400:]}")
             bad += len(faults)
+    bad += meshes.report(args.seed, args.meshes)
     return 1 if bad else 0
 
 

@@ -310,18 +310,23 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("-n", "--count", type=int, default=5000)
     args = parser.parse_args()
+    return report(args.seed, args.count)
+
+
+def report(seed: int, count: int) -> int:
+    """Judge mutants, print what became of them, and return how many crashed, were slow, or are not what others read."""
     logging.getLogger("trimesh").disabled = True
     counts: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as name:
         prepare(Path(name))
-        for mutant in mutations(args.seed, args.count):
+        for mutant in mutations(seed, count):
             verdict = judge(mutant, Path(name))
             counts[verdict.outcome] += 1
             if verdict.outcome in ("crash", "slow", "differs", "read by nobody else"):
-                print(f"{verdict.outcome}: {mutant.base}, {mutant.change}: {verdict.detail}")
-    print(", ".join(f"{count} {outcome}" for outcome, count in counts.most_common()))
-    return int(bool(counts["crash"] + counts["slow"] + counts["differs"]))
+                print(f"  {verdict.outcome}: {mutant.base}, {mutant.change}: {verdict.detail}")
+    print(f"{'mesh files':12} " + ", ".join(f"{count} {outcome}" for outcome, count in counts.most_common()))
+    return counts["crash"] + counts["slow"] + counts["differs"]
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(min(main(), 1))

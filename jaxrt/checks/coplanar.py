@@ -18,7 +18,7 @@ def coincident_faces(scene: SceneDescription, bodies: Sequence[Body]) -> Iterato
     A closed opaque body may stand on another: there is nothing to see between them.
     """
     singles = np.array([t.vertices for t in scene.triangles], float).reshape(-1, 3, 3)
-    corners = np.concatenate([*(body.corners for body in bodies), singles])
+    corners = np.concatenate([*(body.corners for body in bodies), singles]) - scene.origin
     if len(corners) < 2:
         return
     own = np.repeat(np.arange(len(bodies) + 1), [*(len(body.faces) for body in bodies), len(singles)])

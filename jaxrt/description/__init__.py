@@ -225,6 +225,24 @@ class SceneDescription(Table):
         from_meshes = {mesh.names[row] for mesh in self.meshes for row in np.unique(mesh.rows)}
         return from_meshes | {solid.material for solid in solids}
 
+    @property
+    def origin(self) -> np.ndarray:
+        """Middle (3,) of camera, lights, meshes, triangles and all but huge spheres if that is far off, else zeros.
+
+        What is far off is computed with relative to it, since float32 coordinates near 1e6 are 1/16 apart.
+        """
+        eye = np.asarray(self.camera.position, float)
+        points = [eye, *(np.asarray(light.position, float) for light in self.lights)]
+        points += [np.asarray(corner, float) for t in self.triangles for corner in t.vertices]
+        points += [corner for mesh in self.meshes for corner in (mesh.world.min(axis=0), mesh.world.max(axis=0))]
+        for sphere in self.spheres:
+            center = np.asarray(sphere.center, float)
+            if 2 * sphere.radius < np.linalg.norm(center - eye):
+                points += [center - sphere.radius, center + sphere.radius]
+        low, high = np.min(points, axis=0), np.max(points, axis=0)
+        middle = (low + high) / 2
+        return middle if np.linalg.norm(middle) > 8 * np.linalg.norm(high - low) else np.zeros(3)
+
     @model_validator(mode="before")
     @classmethod
     def _take_mesh_materials(cls, value: Any) -> Any:
