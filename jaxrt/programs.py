@@ -18,7 +18,7 @@ from jax.experimental.compilation_cache.compilation_cache import reset_cache
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
 
 from jaxrt.film import Plan, Run
-from jaxrt.render import draw_sum
+from jaxrt.render import sum_parts
 from jaxrt.scene import Scene
 from jaxrt.writing import write_whole
 
@@ -26,12 +26,12 @@ KEPT = 64  # programs in a folder, of about a megabyte each
 
 
 def load_or_compile(folder: Path | None, scene: Scene, run: Run, plan: Plan) -> Callable[[Scene, Run], Array]:
-    """Return the program of `draw_sum` for arguments of this structure, from the folder if it is there.
+    """Return the program of `sum_parts` for arguments of this structure, from the folder if it is there.
 
     It has run once, with `run`, which should draw no sample: only then XLA tells what it cannot find in a loaded one.
     Files in the folder are loaded as code: it must belong to the user.
     """
-    program: Callable[[Scene, Run], Array] = partial(draw_sum, plan=plan)
+    program: Callable[[Scene, Run], Array] = partial(sum_parts, plan=plan)
     if folder is not None:
         file = folder / f"{_fingerprint(scene, run, plan)}.program"
         loaded = _load(file, scene, run, plan)
@@ -61,7 +61,7 @@ def _load(file: Path, scene: Scene, run: Run, plan: Plan) -> Callable[[Scene, Ru
 def _compile(file: Path, scene: Scene, run: Run, plan: Plan) -> Callable[[Scene, Run], Array]:
     """Return the program, which from now on is in the file too, if the disk has room."""
     with _cache_of_jax_off():
-        program = draw_sum.lower(scene, run, plan).compile()
+        program = sum_parts.lower(scene, run, plan).compile()
     with suppress(OSError):
         write_whole(file, partial(_write, serialize(program)[0]))
     return program

@@ -14,7 +14,7 @@ from jaxrt import boundary
 from jaxrt.description import RenderDefaults, nearest
 from jaxrt.edges import moving_edges
 from jaxrt.film import Plan, Run
-from jaxrt.interior import draw
+from jaxrt.interior import draw, draw_parts
 from jaxrt.path import tables_of
 from jaxrt.samplers import SAMPLERS, seed_from_key
 from jaxrt.scene import Scene
@@ -55,7 +55,8 @@ def render(
     key: an int or a `jax.random.key`. spp: samples per pixel; max_depth: scattering events along a path; both default
     to the scene's own. sampler: "sobol", "stratified" or "independent". unroll: compile each event apart, instead of
     one event in a loop. tile: width and height of a packet in pixels. devices: those to use, by default all of JAX's
-    default backend. The picture depends on none of the last three. Memory does not grow with spp.
+    default backend. The number of devices does not change the picture, tile and unroll may by 1e-6 (CONVENTIONS, Bits).
+    Memory does not grow with spp.
 
     Pure: works under jit, vmap, jvp, vjp, jacfwd, jacrev and hessian. boundary_samples: 0 gives interior derivatives
     only, which lack what moving visibility edges add; n leaves the picture unchanged to the bit and adds the edge terms
@@ -132,3 +133,12 @@ def prepare(
 def draw_sum(scene: Scene, run: Run, plan: Plan, gradient_run: Run | None = None) -> Array:
     """Return the sum of the samples of `run`; derivatives use those of `gradient_run`, by default the same."""
     return draw(tables_of(scene), run, run if gradient_run is None else gradient_run, plan)
+
+
+@partial(jax.jit, static_argnames="plan")
+def sum_parts(scene: Scene, run: Run, plan: Plan) -> Array:
+    """Return the sum of the samples of `run` as parts (height, width, 3, 3) along the last axis, without derivative.
+
+    Sums of runs that part between blocks, added exactly and rounded once, are `draw_sum` of all their samples.
+    """
+    return draw_parts(tables_of(scene), run, plan)
