@@ -34,7 +34,6 @@ from jaxrt.path import Tables
 # Derivatives of a batch that share one pass over the paths, forwards and backwards. Backwards the paths are the lesser
 # part, and packets of a batch too wide for a native kernel
 TOGETHER = (32, 1)
-BLOCK = 4
 LARGE = 100_000  # moved numbers from which on wide packets are the faster ones backwards: a mesh of 11,000 faces
 WIDE_TILE = (32, 32)  # pixels, as many as a native kernel takes
 # Parameters that light paths and light samples do not depend on: they keep the picture's own light samples

@@ -1,9 +1,14 @@
 """Vectors, safe roots and quotients, compensated sums: the only place with guards against 0/0 and √0."""
 
+from typing import TypeVar
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
+from numpy.typing import NDArray
 
+Number = TypeVar("Number", Array, NDArray[np.float64])
 Parts = tuple[Array, Array, Array]  # a sum in three parts, each about a rounding error of the one before
 
 FAR = 1e30  # distance of a ray that hits nothing: finite, so that masked arithmetic never makes a NaN (stability of AD)
@@ -71,7 +76,7 @@ def kahan_add(total: Array, compensation: Array, x: Array) -> tuple[Array, Array
     return t, (t - total) - y
 
 
-def two_sum(a: Array, b: Array) -> tuple[Array, Array]:
+def two_sum(a: Number, b: Number) -> tuple[Number, Number]:
     """Return a + b, rounded, and what the rounding left out, exactly (Knuth 1969)."""
     total = a + b
     share = total - a
