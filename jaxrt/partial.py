@@ -58,7 +58,7 @@ class Partial:
     def picture(self) -> NDArray[np.float32]:
         """Return the mean of the samples, in the arithmetic of `jaxrt.render`."""
         with np.errstate(over="ignore"):
-            return self.high.astype(np.float32) / np.float32(self.end - self.first)
+            return self.high.astype(np.float32) * np.float32(1 / (self.end - self.first))
 
     def write(self, path: Path) -> None:
         """Write the file, whole or not at all."""

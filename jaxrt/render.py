@@ -71,7 +71,8 @@ def render(
     gradient_key = key if gradient_key is None else gradient_key
     plain, run, plan = prepare(scene, key, 0, spp, spp, **options)
     gradient_run = prepare(scene, gradient_key, 0, gradient_spp, gradient_spp, **options)[1]
-    picture = draw_sum(plain, run, plan, gradient_run) / spp
+    # XLA divides or multiplies as it likes, which is not the same to the bit: the choice is made here
+    picture = draw_sum(plain, run, plan, gradient_run) * (1 / spp)
     if boundary_samples == 0:
         return picture
     edges = boundary.Plan(boundary_samples, plan.max_depth, False, False, plan.devices)

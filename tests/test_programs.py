@@ -10,7 +10,7 @@ import pytest
 
 import jaxrt
 from jaxrt.programs import KEPT, load_or_compile
-from jaxrt.render import draw_sum, prepare
+from jaxrt.render import sum_parts, prepare
 
 SCENE = {
     "camera": {"position": [0, 0, 55], "width": 16, "height": 8},
@@ -27,7 +27,7 @@ def programs(folder: Path) -> list[Path]:
 @pytest.mark.parametrize("devices", [1, 2])
 def test_a_kept_program_draws_the_same_picture(tmp_path: Path, devices: int) -> None:
     scene, run, plan = prepare(jaxrt.build(SCENE), 3, 0, 4, 4, max_depth=1, devices=jax.devices()[:devices])
-    expected = np.asarray(draw_sum(scene, run, plan))
+    expected = np.asarray(sum_parts(scene, run, plan))
     for _ in range(2):  # compiled, then loaded
         np.testing.assert_array_equal(load_or_compile(tmp_path, scene, run, plan)(scene, run), expected)
     (file,) = programs(tmp_path)
@@ -37,7 +37,7 @@ def test_a_kept_program_draws_the_same_picture(tmp_path: Path, devices: int) -> 
         max_depth=1, devices=jax.devices()[:devices],
     )  # fmt: skip
     loaded = load_or_compile(tmp_path, other, run, plan)
-    np.testing.assert_array_equal(loaded(other, run), draw_sum(other, run, plan))
+    np.testing.assert_array_equal(loaded(other, run), sum_parts(other, run, plan))
     assert programs(tmp_path) == [file]
 
 
@@ -56,7 +56,7 @@ def test_a_program_that_loads_but_does_not_run_is_compiled_anew(tmp_path: Path) 
     (file,) = {*programs(tmp_path)} - {other}
     wrong = other.read_bytes()
     file.write_bytes(wrong)
-    np.testing.assert_array_equal(load_or_compile(tmp_path, *arguments)(*arguments[:2]), draw_sum(*arguments))
+    np.testing.assert_array_equal(load_or_compile(tmp_path, *arguments)(*arguments[:2]), sum_parts(*arguments))
     assert file.read_bytes() != wrong
 
 
@@ -90,5 +90,5 @@ def test_a_damaged_program_is_compiled_anew(tmp_path: Path) -> None:
     (file,) = programs(tmp_path)
     whole = file.read_bytes()
     file.write_bytes(whole[: len(whole) // 2])
-    np.testing.assert_array_equal(load_or_compile(tmp_path, *arguments)(*arguments[:2]), draw_sum(*arguments))
+    np.testing.assert_array_equal(load_or_compile(tmp_path, *arguments)(*arguments[:2]), sum_parts(*arguments))
     assert programs(tmp_path) == [file] and len(file.read_bytes()) > len(whole) // 2
