@@ -223,14 +223,14 @@ def test_l4_l5_the_picture_of_a_vanished_folder_is_elsewhere(folder, capsys, who
     strike(monkeypatch, 3, lambda parts: shutil.rmtree(folder / "gone"))
     status, _, err = render(capsys, output=f"gone/{name}")
     (place,) = (folder.parent / "elsewhere").glob(f"*/{name}")
-    assert status == 3 and f"gone/{name}: No such file or directory: the picture is in {place}\n" in err
+    assert status == 3 and f"gone/{name}: No such file or directory: written to {place} instead\n" in err
     if name == "ball.exr":
         assert place.read_bytes() == whole
 
 
 @pytest.mark.parametrize("name", ["ball.exr", "ball.png"])
 def test_l5_the_picture_of_a_full_disk_is_elsewhere(folder, capsys, whole, name):
-    """A file system of four pages; where the system lets nobody make one, the reason alone is played."""
+    """A file system of four pages, all taken."""
     small = folder / "small"
     small.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=16k", "tmpfs", str(small)]
@@ -246,7 +246,7 @@ def test_l5_the_picture_of_a_full_disk_is_elsewhere(folder, capsys, whole, name)
     finally:
         subprocess.run(["umount", str(small)], check=True)
     (place,) = (folder.parent / "elsewhere").glob(f"*/{name}")
-    assert status == 3 and err.startswith(f"jaxrt: error: small/{name}: ") and f": the picture is in {place}\n" in err
+    assert status == 3 and err.startswith(f"jaxrt: error: small/{name}: ") and f": written to {place} instead\n" in err
     if name == "ball.exr":
         assert place.read_bytes() == whole
 
@@ -261,9 +261,9 @@ def test_l4_an_interruption_on_a_full_disk_names_where_both_files_are(folder, ca
         patch.setattr("jaxrt.writing.os.replace", full)
         strike(patch, 2, raising(KeyboardInterrupt()))
         status, _, err = render(capsys)
-    assert status == 130 and "ball.exr: No space left on device: the picture is in " in err
+    assert status == 130 and "ball.exr: No space left on device: written to " in err
     (sums,) = (folder.parent / "elsewhere").glob(f"*/{SIDE}")
-    assert f"{SIDE}: No space left on device: the sums is in {sums}" in err.replace("sums are", "sums is")
+    assert f"{SIDE}: No space left on device: written to {sums} instead\n" in err
     sums.rename(SIDE)
     assert render(capsys, "--resume")[0] == 0
     assert (folder / "ball.exr").read_bytes() == whole
@@ -319,7 +319,7 @@ def test_a_character_that_a_stream_lacks_is_no_broken_stream(tmp_path):
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_l4_a_pixel_that_is_not_finite_does_not_lose_the_picture(folder, capsys, whole, monkeypatch, name, value):
     def spoil(parts):
-        return np.array(parts) + np.where(np.arange(16 * 12).reshape(12, 16, 1, 1) % 95 == 5, np.float32(value), 0)
+        return np.array(parts) + np.where(np.arange(16 * 12).reshape(12, 16, 1, 1) % 90 == 5, np.float32(value), 0)
 
     render(capsys, output=name)
     sound = load_image(name)
@@ -327,12 +327,12 @@ def test_l4_a_pixel_that_is_not_finite_does_not_lose_the_picture(folder, capsys,
     status, _, err = render(capsys, output=name)
     assert status == 3
     assert f"jaxrt: warning: {name}: pixel at column 5, row 0 and 2 more are not finite, " in err
-    found, spoilt = load_image(name), np.arange(16 * 12).reshape(12, 16) % 95 == 5
+    found, spoilt = load_image(name), np.arange(16 * 12).reshape(12, 16) % 90 == 5
     np.testing.assert_array_equal(found[~spoilt], sound[~spoilt])
     if name == "ball.exr":
         assert not np.isfinite(found[spoilt]).any()
     else:
-        assert (found[spoilt] == (1 if value == np.inf else 0)).all()
+        assert not found[spoilt].any()
 
 
 # Ranges

@@ -74,7 +74,8 @@ def run(args: argparse.Namespace) -> int:
             return status_of(interrupt)
         except Exception:
             if work.drawn > before:
-                _keep_sums(work)
+                with suppress(UsageError):
+                    _keep_sums(work)
             raise
     _tell(work, work.drawn - before, time.perf_counter() - began)
     return status

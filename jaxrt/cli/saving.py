@@ -36,15 +36,15 @@ def save(path: Path, write: Callable[[Path], object], thing: str) -> bool:
     try:
         write(path)
         return True
-    except (OSError, RuntimeError) as error:  # OpenEXR raises the latter
-        reason = getattr(error, "strerror", None) or str(error)
+    except OSError as error:
+        reason = error.strerror or str(error)
     for base in (tempfile.gettempdir, Path.home):
         try:
             place = Path(tempfile.mkdtemp(prefix="jaxrt-", dir=base())) / path.name
             write(place)
-        except (OSError, RuntimeError):
+        except OSError:
             continue
-        print(f"jaxrt: error: {path}: {reason}: the {thing} is in {place}", file=sys.stderr)
+        print(f"jaxrt: error: {path}: {reason}: written to {place} instead", file=sys.stderr)
         return False
     raise UsageError(f"{path}: {reason}, and no room for the {thing} elsewhere: make room")
 

@@ -1,6 +1,7 @@
 """Pictures in and out: 8-bit PNG for the eye, float32 EXR for numbers."""
 
 import logging
+from io import BytesIO
 from os import PathLike
 from pathlib import Path
 
@@ -80,8 +81,10 @@ def _write_exr(path: Path, pixels: Pixels, srgb: bool) -> None:
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with OpenEXR.File(header, {"RGB": np.ascontiguousarray(pixels)}) as file:
-        file.write(str(path))
+    content = BytesIO()  # the library does not tell what is wrong with a disk
+    with OpenEXR.File(header, {"RGB": np.ascontiguousarray(pixels)}) as picture:
+        picture.write(content)
+    path.write_bytes(content.getbuffer())
 
 
 def _read_png(path: Path, srgb: bool) -> Pixels:
