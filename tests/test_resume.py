@@ -217,6 +217,7 @@ def test_l4_without_resume_a_render_begins_anew_and_says_so(folder, capsys, whol
 
 # Places that fail
 
+
 @pytest.mark.parametrize("name", ["ball.exr", "ball.png"])
 def test_l4_l5_the_picture_of_a_vanished_folder_is_elsewhere(folder, capsys, whole, monkeypatch, name):
     (folder / "gone").mkdir()
@@ -336,6 +337,7 @@ def test_l4_a_pixel_that_is_not_finite_does_not_lose_the_picture(folder, capsys,
 
 
 # Ranges
+
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("sampler", ["sobol", "stratified", "independent"])
