@@ -10,7 +10,7 @@ import pytest
 
 import jaxrt
 from jaxrt.programs import KEPT, load_or_compile
-from jaxrt.render import sum_parts, prepare
+from jaxrt.render import prepare, sum_parts
 
 SCENE = {
     "camera": {"position": [0, 0, 55], "width": 16, "height": 8},
