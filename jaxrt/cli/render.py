@@ -6,9 +6,9 @@ import sys
 import time
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +21,7 @@ from jaxrt.cli.saving import ELSEWHERE, save, save_picture
 from jaxrt.cli.signals import Interrupted, noted, status_of
 from jaxrt.cli.start import built, check_folder, check_output, described, usable_cores, warn
 from jaxrt.description import nearest, show
+from jaxrt.film import Plan, Run
 from jaxrt.partial import SUFFIX, Partial
 from jaxrt.programs import load_or_compile
 from jaxrt.render import prepare
@@ -59,13 +60,14 @@ def run(args: argparse.Namespace) -> int:
     spp = description.render.spp
     _check_sampler(args.sampler, spp)
     first, end = samples_of(args.samples, spp)
-    scene = built(description)
-    plain, _, plan = prepare(scene, args.seed, 0, 0, spp, sampler=args.sampler)
-    work = Work(args, output, end, begin(output, args.resume, facts_of(plain, plan, args.seed, spp), first, end))
+    # No sample, which compiles all the same
+    nothing = prepare(built(description), args.seed, 0, 0, spp, sampler=args.sampler)
+    facts = facts_of(nothing[0], nothing[2], args.seed, spp)
+    work = Work(args, output, end, begin(output, args.resume, facts, first, end))
     before = work.drawn
     with ExitStack() as signals:
         try:
-            _draw(work, scene, folder, signals)
+            _draw(work, *nothing, folder, signals)
             status = _finish(work)
         except KeyboardInterrupt as interrupt:
             if work.drawn == 0:
@@ -101,25 +103,23 @@ def _check_sampler(name: str, spp: int) -> None:
         warn(f"spp {spp} is not a power of two: sobol is at its best with {below} or {2 * below}")
 
 
-def _draw(work: Work, scene: Scene, folder: Path | None, signals: ExitStack) -> None:
+def _draw(work: Work, scene: Scene, run: Run, plan: Plan, folder: Path | None, signals: ExitStack) -> None:
     """Draw the samples that are missing; keep the sums now and then.
 
     From the first sample on to the end of `signals`, a signal ends the drawing alone. Raises Interrupted then.
     """
-    arguments = partial(prepare, scene, work.args.seed, spp=scene.defaults.spp, sampler=work.args.sampler)
     interval = float(os.environ.get("JAXRT_CHECKPOINT_SECONDS", CHECKPOINT_SECONDS))
     with progress(work.end - work.sums.first) as report:
         began = time.perf_counter()
         with compiling():
-            # Draw no sample, which compiles all the same
-            program = load_or_compile(folder, *arguments(0, 0))
+            program = load_or_compile(folder, scene, run, plan)
         compiled = kept = time.perf_counter()
         work.compile_seconds = compiled - began
         report(work.drawn)
         stop = signals.enter_context(noted())
 
         def draw(first: int, count: int) -> NDArray[np.float32]:
-            return np.asarray(program(*arguments(first, count)[:2]))
+            return np.asarray(program(scene, run._replace(first=jnp.int32(first), end=jnp.int32(first + count))))
 
         def keep(sums: Partial) -> bool:
             nonlocal kept
