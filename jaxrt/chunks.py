@@ -1,4 +1,7 @@
-"""A long sum of samples in chunks, between which there is progress to tell."""
+"""A long sum of samples in chunks, between which there is progress to tell and work to keep.
+
+Chunks are whole blocks of samples, as many as the clock suggests: their sums are exact, so that this changes no bit.
+"""
 
 import math
 import time
@@ -7,37 +10,39 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxrt.film import BLOCK
+from jaxrt.partial import Partial
+
 CHUNK_SECONDS = 0.5  # between two steps of the progress bar, more for long runs
 CHUNKS = 20  # about as many steps a run
 CHUNK_SECONDS_MAX = 5.0
 IDLE_SHARE = 0.1  # of a chunk's time may go into what it takes besides its samples, such as the tables of a mesh
 
+Draw = Callable[[int, int], NDArray[np.float32]]  # (first, count) -> parts of the sum along the last axis
 
-def accumulate(
-    draw: Callable[[int, int], NDArray[np.float32]], spp: int, report: Callable[[int], None]
-) -> NDArray[np.float64]:
-    """Return the sum of `spp` samples, drawn as draw(first, count) in chunks, powers of two, of about CHUNK_SECONDS."""
-    total = np.zeros((), np.float64)
-    first, count, single = 0, 1, 0.0
-    while first < spp:
-        count = min(count, spp - first)
+
+def accumulate(draw: Draw, total: Partial, end: int, keep: Callable[[Partial], bool]) -> Partial:
+    """Return `total` with samples up to `end` added, in chunks. `keep` gets each new sum, and says whether to go on."""
+    blocks, single, whole = 1, 0.0, -(-(end - total.end) // BLOCK)
+    while total.end < end:
+        first, count = total.end, min(blocks * BLOCK, end - total.end)
         start = time.perf_counter()
-        total = total + draw(first, count)
+        total = total.plus(first + count, *np.moveaxis(draw(first, count), -1, 0))
         seconds = max(time.perf_counter() - start, 1e-9)
         single = single or seconds
-        first += count
-        report(first)
-        count = _next_count(spp, count, seconds, single)
+        if not keep(total):
+            break
+        blocks = _next_blocks(whole, blocks, seconds, single)
     return total
 
 
-def _next_count(spp: int, count: int, seconds: float, single: float) -> int:
-    """Return how many samples to draw next, after `count` took `seconds`. single: seconds that one sample took."""
-    most = seconds / count
-    each = most if count == 1 else max((seconds - single) / (count - 1), most * 1e-3)
-    idle = max(seconds - each * count, 0)
-    wanted = min(max(CHUNK_SECONDS, idle / IDLE_SHARE, spp * each / CHUNKS), CHUNK_SECONDS_MAX)
+def _next_blocks(whole: int, blocks: int, seconds: float, single: float) -> int:
+    """Return how many blocks to draw next, after `blocks` of `whole` took `seconds`. single: seconds that one took."""
+    most = seconds / blocks
+    each = most if blocks == 1 else max((seconds - single) / (blocks - 1), most * 1e-3)
+    idle = max(seconds - each * blocks, 0)
+    wanted = min(max(CHUNK_SECONDS, idle / IDLE_SHARE, whole * each / CHUNKS), CHUNK_SECONDS_MAX)
     # No more than are sure to fit, or twice as many; two where they fit, which tell what a chunk takes idly
     sure = CHUNK_SECONDS_MAX / most
-    samples = max(min((wanted - idle) / each, max(sure, 2 * count)), min(2, sure))
-    return 1 << max(0, math.floor(math.log2(samples)))
+    wanted_blocks = max(min((wanted - idle) / each, max(sure, 2 * blocks)), min(2, sure))
+    return 1 << max(0, math.floor(math.log2(wanted_blocks)))

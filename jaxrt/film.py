@@ -14,6 +14,7 @@ from jaxrt.native import fold_packets, map_packets, on_devices
 from jaxrt.path import Tables, radiance
 from jaxrt.samplers import SAMPLERS, Stream
 
+BLOCK = 4  # samples, numbered from 0, whose sum is rounded; all that is divided anywhere is divided between blocks
 NATIVE_LANES = 1024  # packets of more lanes are not compiled as one native kernel
 
 _numbers = {name: jax.jit(sampler) for name, sampler in SAMPLERS.items()}  # traced once, though each event asks anew
@@ -75,7 +76,7 @@ def _sample(plan: Plan, tables: Tables, run: Run, sample: Array, attached: bool,
 
 
 def draw_packets(f: Callable[[Operands, Array], Array], operands: Operands, size: tuple[int, int], plan: Plan) -> Array:
-    """Return the picture (height, width, 3) that the packets f(operands, packet) of shape (lanes, 3) make up."""
+    """Return the picture (height, width, …) that the packets f(operands, packet) of shape (lanes, …) make up."""
 
     def on_device(operands: Operands, packets: Array) -> Array:
         return map_packets(f, operands, packets[0], is_native(plan))[None]
@@ -136,9 +137,10 @@ def _count(size: tuple[int, int], plan: Plan) -> int:
 
 
 def _picture(packets: Array, size: tuple[int, int], plan: Plan) -> Array:
-    """Return the picture from packets (device, turn, lane, 3)."""
+    """Return the picture from packets (device, turn, lane, …)."""
     columns, rows, _ = _layout(size, plan)
     width, height = plan.tile
-    packets = jnp.swapaxes(packets, 0, 1).reshape(-1, height, width, 3)[: columns * rows]
-    picture = packets.reshape(rows, columns, height, width, 3).swapaxes(1, 2)
-    return picture.reshape(rows * height, columns * width, 3)[: size[1], : size[0]]
+    values = packets.shape[3:]
+    packets = jnp.swapaxes(packets, 0, 1).reshape(-1, height, width, *values)[: columns * rows]
+    picture = packets.reshape(rows, columns, height, width, *values).swapaxes(1, 2)
+    return picture.reshape(rows * height, columns * width, *values)[: size[1], : size[0]]

@@ -16,6 +16,7 @@ from jax.custom_batching import sequential_vmap as in_turn
 from jax.custom_derivatives import SymbolicZero
 
 from jaxrt.film import (
+    BLOCK,
     Plan,
     Run,
     draw_packets,
@@ -26,7 +27,7 @@ from jaxrt.film import (
     sum_packets,
 )
 from jaxrt.linear import Leaves, Shapes, apply_linear
-from jaxrt.maths import kahan_add
+from jaxrt.maths import Parts, add_exactly, kahan_add, rounded
 from jaxrt.native import one_mesh, program_on
 from jaxrt.path import Tables
 
@@ -46,6 +47,12 @@ def draw(tables: Tables, run: Run, gradient_run: Run, plan: Plan) -> Array:
     Derivatives hold the pixel's position, each light sample's place on its light and all discrete choices fixed; what
     moving visibility edges add is not in them.
     """
+    parts = draw_parts(tables, run, plan)
+    return rounded((parts[..., 0], parts[..., 1], parts[..., 2]))
+
+
+def draw_parts(tables: Tables, run: Run, plan: Plan) -> Array:
+    """Return the sum of the samples of `run` in parts (height, width, 3, 3) along the last axis; no derivative."""
     with one_mesh():
         return _draw(tables, run, plan)
 
@@ -144,14 +151,19 @@ def _backwards(plan: Plan, shapes: Shapes) -> Plan:
 
 
 def _packet_sum(plan: Plan, operands: tuple[Tables, Run], packet: Array) -> Array:
-    """Return the sums (lanes, 3) of the packet's samples."""
+    """Return the sums of the packet's samples in parts (lanes, 3, 3): within blocks rounded, of blocks exact."""
     tables, run = operands
+    nothing = jnp.zeros((plan.lanes, 3), tables.camera.position.dtype)
 
     def add_sample(sample: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
         return kahan_add(*sums, sample_packet(plan, tables, run, sample, packet))
 
-    nothing = jnp.zeros((plan.lanes, 3), tables.camera.position.dtype)
-    return lax.fori_loop(run.first, run.end, add_sample, (nothing, nothing))[0]
+    def add_block(block: Array, parts: Parts) -> Parts:
+        first, end = jnp.maximum(block * BLOCK, run.first), jnp.minimum((block + 1) * BLOCK, run.end)
+        return add_exactly(parts, lax.fori_loop(first, end, add_sample, (nothing, nothing))[0])
+
+    blocks = run.first // BLOCK, -(-run.end // BLOCK)
+    return jnp.stack(lax.fori_loop(*blocks, add_block, (nothing, nothing, nothing)), -1)
 
 
 def _size(tables: Tables) -> tuple[int, int]:

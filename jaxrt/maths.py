@@ -1,8 +1,15 @@
 """Vectors, safe roots and quotients, compensated sums: the only place with guards against 0/0 and √0."""
 
+from typing import TypeVar
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
+from numpy.typing import NDArray
+
+Number = TypeVar("Number", Array, NDArray[np.float64])
+Parts = tuple[Array, Array, Array]  # a sum in three parts, each about a rounding error of the one before
 
 FAR = 1e30  # distance of a ray that hits nothing: finite, so that masked arithmetic never makes a NaN (stability of AD)
 
@@ -67,6 +74,28 @@ def kahan_add(total: Array, compensation: Array, x: Array) -> tuple[Array, Array
     y = x - compensation
     t = total + y
     return t, (t - total) - y
+
+
+def two_sum(a: Number, b: Number) -> tuple[Number, Number]:
+    """Return a + b, rounded, and what the rounding left out, exactly (Knuth 1969)."""
+    total = a + b
+    share = total - a
+    return total, (a - (total - share)) + (b - share)
+
+
+def add_exactly(parts: Parts, x: Array) -> Parts:
+    """Return parts whose sum is that of `parts` and x: exact while the terms lie within 72 bits (float32).
+
+    So the sum does not depend on the order of the terms, nor on how they are divided into partial sums.
+    """
+    high, rest = two_sum(parts[0], x)
+    middle, rest = two_sum(parts[1], rest)
+    return high, middle, parts[2] + rest
+
+
+def rounded(parts: Parts) -> Array:
+    """Return the number nearest to the sum of the parts."""
+    return parts[0] + (parts[1] + parts[2])
 
 
 def face_forward(normal: Array, wo: Array) -> Array:

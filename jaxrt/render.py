@@ -13,7 +13,7 @@ from jax.typing import ArrayLike
 from jaxrt import boundary
 from jaxrt.edges import moving_edges
 from jaxrt.film import Plan, Run
-from jaxrt.interior import draw
+from jaxrt.interior import draw, draw_parts
 from jaxrt.messages import nearest, show
 from jaxrt.native import as_operand, default_devices, everywhere, local
 from jaxrt.path import tables_of
@@ -56,8 +56,8 @@ def render(
     key: an int or a `jax.random.key`. spp: samples per pixel; max_depth: scattering events along a path; both default
     to the scene's own. sampler: "sobol", "stratified" or "independent". unroll: compile each event apart, instead of
     one event in a loop. tile: width and height of a packet in pixels. devices: those to use, by default all of JAX's
-    default backend, or those on which the scene was put; under jit, one device alone is where the arguments are. The
-    picture depends on none of the last three. Memory does not grow with spp.
+    default backend, or those on which the scene was put; under jit, one device alone is where the arguments are. Their
+    number does not change the picture, tile and unroll may by 1e-6 (CONVENTIONS, Bits). Memory does not grow with spp.
 
     Pure: works under jit, vmap, jvp, vjp, jacfwd, jacrev and hessian. boundary_samples: 0 gives interior derivatives
     only, which lack what moving visibility edges add; n leaves the picture unchanged to the bit and adds the edge terms
@@ -74,7 +74,8 @@ def render(
     gradient_key = key if gradient_key is None else gradient_key
     plain, run, plan = prepare(scene, key, 0, spp, spp, **options)
     gradient_run = prepare(scene, gradient_key, 0, gradient_spp, gradient_spp, **options)[1]
-    picture = draw_sum(plain, run, plan, gradient_run) / spp
+    # XLA divides or multiplies as it likes, which is not the same to the bit: the choice is made here
+    picture = draw_sum(plain, run, plan, gradient_run) * (1 / spp)
     if boundary_samples == 0:
         return picture
     edges = boundary.Plan(boundary_samples, plan.max_depth, False, False, plan.devices)
@@ -165,3 +166,12 @@ def _placed(scene: Scene, devices: Sequence[jax.Device] | None) -> tuple[Scene, 
 def draw_sum(scene: Scene, run: Run, plan: Plan, gradient_run: Run | None = None) -> Array:
     """Return the sum of the samples of `run`; derivatives use those of `gradient_run`, by default the same."""
     return draw(tables_of(as_operand(scene)), run, run if gradient_run is None else gradient_run, plan)
+
+
+@partial(jax.jit, static_argnames="plan")
+def sum_parts(scene: Scene, run: Run, plan: Plan) -> Array:
+    """Return the sum of the samples of `run` as parts (height, width, 3, 3) along the last axis, without derivative.
+
+    Sums of runs that part between blocks, added exactly and rounded once, are `draw_sum` of all their samples.
+    """
+    return draw_parts(tables_of(scene), run, plan)

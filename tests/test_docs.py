@@ -49,7 +49,17 @@ def test_derivatives_snippet(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_readme_names_every_option() -> None:
     text = (ROOT / "README.md").read_text()
-    for option in ("-o", *SMALL[::2], "--seed", "--sampler", "--cores", "--exposure", "--srgb"):
+    for option in (
+        "-o",
+        *SMALL[::2],
+        "--seed",
+        "--sampler",
+        "--cores",
+        "--exposure",
+        "--srgb",
+        "--resume",
+        "--samples",
+    ):
         assert option in text
 
 
@@ -80,7 +90,7 @@ def test_scene_file_example() -> None:
     assert scene.camera.width == 512 and scene.materials.glass is not None
 
 
-@pytest.mark.parametrize("command", ["render", "info", "diff"])
+@pytest.mark.parametrize("command", ["render", "merge", "info", "diff"])
 def test_help_runs(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:
         main([command, "--help"])
@@ -102,6 +112,17 @@ def test_inverse_guide(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: 
     names: dict[str, Any] = {}
     exec(snippet.replace("16384", "1024"), names)
     assert float(abs(names["solution"].value - jaxrt.parameters(names["scene"])["lights.position"]).max()) < 0.5
+
+
+def test_command_line_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its commands in their order, in a small size; ranges and --spp as they stand."""
+    (tmp_path / "scenes").symlink_to(ROOT / "scenes")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("jaxrt.cli.start.start_jax", lambda cores: None)
+    for line in "".join(blocks("docs/command-line.md", "sh")).splitlines():
+        small = ["--width", "16", "--height", "16", "--max-depth", "1"] if " render " in line else []
+        assert main([*shlex.split(line)[1:], *small]) == 0, capsys.readouterr().err
+    assert Path("room.exr").exists() and not Path("room.exr.partial").exists()
 
 
 def test_links_lead_somewhere() -> None:

@@ -22,7 +22,7 @@ from jaxrt.programs.kept import MAGIC, file_of, read_program, write_program
 from jaxrt.programs.key import key_of
 from jaxrt.programs.private import NotPrivate, private_folder
 from jaxrt.programs.trial import on_trial
-from jaxrt.render import draw_sum, prepare
+from jaxrt.render import prepare, sum_parts
 
 SCENE: dict[str, Any] = {
     "camera": {"position": [0, 0, 55], "width": 16, "height": 12},
@@ -98,19 +98,19 @@ def kept(tmp_path: Path, shared: Shared, monkeypatch: pytest.MonkeyPatch) -> Kep
 
 
 def test_a_kept_program_draws_the_same_picture(kept: Kept) -> None:
-    np.testing.assert_array_equal(kept.shared.picture, draw_sum(*kept.shared.arguments))
+    np.testing.assert_array_equal(kept.shared.picture, sum_parts(*kept.shared.arguments))
     kept.draw()
     # Other values, the same program
     scene, drawn, plan = kept.shared.arguments
     other = jaxrt.with_parameters(scene, {"lights.position": jnp.array([[10.0, 20, 40]])})
     loaded = load_or_compile(kept.folder, other, drawn, plan)
-    np.testing.assert_array_equal(loaded(other, drawn), draw_sum(other, drawn, plan))
+    np.testing.assert_array_equal(loaded(other, drawn), sum_parts(other, drawn, plan))
     assert kept.compiled == [] and list(kept.folder.iterdir()) == [kept.file]
 
 
 def test_a_kept_program_of_two_devices_draws_the_same_picture(tmp_path: Path) -> None:
     arguments = arguments_of(devices=2)
-    expected = np.asarray(draw_sum(*arguments))
+    expected = np.asarray(sum_parts(*arguments))
     for _ in range(2):  # compiled, then loaded
         np.testing.assert_array_equal(load_or_compile(tmp_path, *arguments)(*arguments[:2]), expected)
     assert len(list(tmp_path.iterdir())) == 1

@@ -25,6 +25,7 @@ def parser() -> argparse.ArgumentParser:
     commands = top.add_subparsers(required=True, metavar="COMMAND", dest="command")
     for add, name, text in (
         (_add_render, "render", "render a scene file to a picture"),
+        (_add_merge, "merge", "add what render --samples has drawn to one picture"),
         (_add_info, "info", "tell what is in a scene file"),
         (_add_diff, "diff", "compare two pictures"),
         (_add_gradcheck, "gradcheck", "compare a gradient with finite differences"),
@@ -52,6 +53,15 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of the random numbers (0)")
     parser.add_argument("--sampler", default="sobol", metavar="NAME", help="sobol, stratified or independent")
     parser.add_argument("--cores", type=count, metavar="N", help="CPU cores (all)")
+    parser.add_argument("--exposure", type=_real, default=0.0, metavar="EV", help="brighten by 2**EV (0)")
+    parser.add_argument("--srgb", action="store_true", help="write PNG by the sRGB curve, not gamma 2.2")
+    parser.add_argument("--resume", action="store_true", help="go on from OUTPUT.partial, which an interruption left")
+    parser.add_argument("--samples", type=_range, metavar="A:B", help="draw only these of the --spp, for jaxrt merge")
+
+
+def _add_merge(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("parts", type=Path, nargs="+", metavar="PART", help="what render --samples wrote (.partial)")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="picture (.png or .exr)")
     parser.add_argument("--exposure", type=_real, default=0.0, metavar="EV", help="brighten by 2**EV (0)")
     parser.add_argument("--srgb", action="store_true", help="write PNG by the sRGB curve, not gamma 2.2")
 
@@ -111,6 +121,14 @@ def _integer(low: int, high: int) -> Callable[[str], int]:
         return value
 
     return convert
+
+
+def _range(text: str) -> tuple[int, int]:
+    first, colon, end = text.partition(":")
+    whole = _integer(0, COUNT_MAX)
+    if not colon or not whole(first) < whole(end):
+        raise argparse.ArgumentTypeError(f"{show(text)} is no range: write FIRST:END, such as 0:512")
+    return whole(first), whole(end)
 
 
 def _real(text: str) -> float:

@@ -1,46 +1,98 @@
 """`jaxrt render`."""
 
 import argparse
+import os
+import sys
 import time
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
 from jaxrt.chunks import accumulate
 from jaxrt.cli import start
-from jaxrt.cli.errors import UsageError, refusing
-from jaxrt.cli.progress import progress
-from jaxrt.cli.start import built, check_output, described, usable_cores, warn
+from jaxrt.cli.errors import UsageError
+from jaxrt.cli.job import begin, facts_of, samples_of, sums_beside
+from jaxrt.cli.progress import compiling, progress
+from jaxrt.cli.saving import ELSEWHERE, save, save_picture
+from jaxrt.cli.signals import Interrupted, noted, status_of
+from jaxrt.cli.start import built, check_folder, check_output, described, usable_cores, warn
 from jaxrt.description import nearest, show
-from jaxrt.io.image import save_image
+from jaxrt.film import Plan, Run
+from jaxrt.partial import SUFFIX, Partial
 from jaxrt.programs import load_or_compile
-from jaxrt.render import Plan, Run, prepare
+from jaxrt.render import prepare
 from jaxrt.samplers import SAMPLERS
 from jaxrt.scene import Scene
 
-Image = NDArray[np.float32]
+CHECKPOINT_SECONDS = 120.0  # what KILL or a power cut may cost; the environment may say otherwise
 
 
-def run(args: argparse.Namespace) -> None:
-    output = args.output or Path(f"{args.scene.stem or 'scene'}.png")
-    check_output(output)
+@dataclass
+class Work:
+    """A render under way: `sums` is whole at every moment, and all that is to be saved."""
+
+    args: argparse.Namespace
+    output: Path
+    end: int
+    sums: Partial
+    compile_seconds: float = 0.0
+    render_seconds: float = 0.0
+
+    @property
+    def drawn(self) -> int:
+        """Samples drawn so far."""
+        return self.sums.end - self.sums.first
+
+    @property
+    def done(self) -> bool:
+        return self.sums.end == self.end
+
+
+def run(args: argparse.Namespace) -> int:
+    output = _output(args)
     description = described(args)
     began = time.perf_counter()
     folder = start.start_jax(args.cores or usable_cores())
-    _check_sampler(args.sampler, description.render.spp)
-    scene = built(description)
-    image, compile_seconds, render_seconds = _draw(scene, args.seed, args.sampler, folder)
-    with refusing():
-        save_image(output, image, exposure=args.exposure, srgb=args.srgb)
-    height, width, _ = image.shape
-    spp, depth = description.render.spp, description.render.max_depth
-    rate = width * height * spp / render_seconds / 1e6
-    print(
-        f"{output}: {width}x{height}, {spp} spp, max_depth {depth}, {args.sampler}: compile "
-        f"{compile_seconds:.2f} s, render {render_seconds:.2f} s, {rate:.2f} Mpaths/s, "
-        f"all {time.perf_counter() - began:.2f} s"
-    )
+    spp = description.render.spp
+    _check_sampler(args.sampler, spp)
+    first, end = samples_of(args.samples, spp)
+    # No sample, which compiles all the same
+    nothing = prepare(built(description), args.seed, 0, 0, spp, sampler=args.sampler)
+    facts = facts_of(nothing[0], nothing[2], args.seed, spp)
+    work = Work(args, output, end, begin(output, args.resume, facts, first, end))
+    before = work.drawn
+    with ExitStack() as signals:
+        try:
+            _draw(work, *nothing, folder, signals)
+            status = _finish(work)
+        except KeyboardInterrupt as interrupt:
+            if work.drawn == 0:
+                raise
+            _keep_all(work)
+            return status_of(interrupt)
+        except Exception:
+            if work.drawn > before:
+                with suppress(UsageError):
+                    _keep_sums(work)
+            raise
+    _tell(work, work.drawn - before, time.perf_counter() - began)
+    return status
+
+
+def _output(args: argparse.Namespace) -> Path:
+    """Return where the result goes, having made sure that it can."""
+    output: Path = args.output or Path(f"{args.scene.stem or 'scene'}.png")
+    if args.samples is None:
+        check_output(output)
+    elif args.output is None or output.suffix != SUFFIX:
+        raise UsageError(f"argument --samples: writes sums, not a picture: name them with -o, such as -o a{SUFFIX}")
+    else:
+        check_folder(output)
+    return output
 
 
 def _check_sampler(name: str, spp: int) -> None:
@@ -51,20 +103,79 @@ def _check_sampler(name: str, spp: int) -> None:
         warn(f"spp {spp} is not a power of two: sobol is at its best with {below} or {2 * below}")
 
 
-def _draw(scene: Scene, seed: int, sampler: str, folder: Path | None) -> tuple[Image, float, float]:
-    """Return the picture and the seconds of compiling and of rendering it."""
-    spp = scene.defaults.spp
+def _draw(work: Work, scene: Scene, run: Run, plan: Plan, folder: Path | None, signals: ExitStack) -> None:
+    """Draw the samples that are missing; keep the sums now and then.
 
-    def arguments(first: int, count: int) -> tuple[Scene, Run, Plan]:
-        return prepare(scene, seed, first, count, spp, sampler=sampler)
-
-    with progress(spp) as report:
-        # Draw no sample, which compiles all the same
+    From the first sample on to the end of `signals`, a signal ends the drawing alone. Raises Interrupted then.
+    """
+    interval = float(os.environ.get("JAXRT_CHECKPOINT_SECONDS", CHECKPOINT_SECONDS))
+    with progress(work.end - work.sums.first) as report:
         began = time.perf_counter()
-        nothing = arguments(0, 0)
-        program = load_or_compile(folder, *nothing)
-        compiled = time.perf_counter()
-        report(0)
-        total = accumulate(lambda first, count: np.asarray(program(*arguments(first, count)[:2])), spp, report)
-        done = time.perf_counter()
-    return (total / spp).astype(np.float32), compiled - began, done - compiled
+        with compiling():
+            program = load_or_compile(folder, scene, run, plan)
+        compiled = kept = time.perf_counter()
+        work.compile_seconds = compiled - began
+        report(work.drawn)
+        stop = signals.enter_context(noted())
+
+        def draw(first: int, count: int) -> NDArray[np.float32]:
+            return np.asarray(program(scene, run._replace(first=jnp.int32(first), end=jnp.int32(first + count))))
+
+        def keep(sums: Partial) -> bool:
+            nonlocal kept
+            work.sums = sums
+            report(work.drawn)
+            if time.perf_counter() - kept >= interval and not work.done:
+                _checkpoint(work)
+                kept = time.perf_counter()
+            return not stop.number
+
+        accumulate(draw, work.sums, work.end, keep)
+        work.render_seconds = time.perf_counter() - compiled
+    if not work.done:
+        raise Interrupted(stop.number)
+
+
+def _finish(work: Work) -> int:
+    """Write what was asked for and return the exit status."""
+    if work.output.suffix == SUFFIX:
+        return 0 if _keep_sums(work) else ELSEWHERE
+    status = save_picture(work.output, work.sums.picture(), work.args.exposure, work.args.srgb)
+    with suppress(OSError):
+        sums_beside(work.output).unlink(missing_ok=True)
+    return status
+
+
+def _keep_all(work: Work) -> None:
+    """Write the sums and the picture so far, and say how to go on."""
+    try:
+        placed = _keep_sums(work)
+    finally:
+        if work.output.suffix != SUFFIX:
+            save_picture(work.output, work.sums.picture(), work.args.exposure, work.args.srgb)
+    what = f"{work.drawn} of {work.end - work.sums.first} samples a pixel are in {work.output}"
+    remedy = "go on with --resume" if placed else "move the sums beside it, then go on with --resume"
+    print(f"jaxrt: interrupted: {what}: {remedy}", file=sys.stderr)
+
+
+def _keep_sums(work: Work) -> bool:
+    return save(sums_beside(work.output), work.sums.write, "sums")
+
+
+def _checkpoint(work: Work) -> None:
+    try:
+        work.sums.write(sums_beside(work.output))
+    except OSError as error:
+        warn(f"{sums_beside(work.output)}: {error.strerror or error}: drawing on, make room")
+
+
+def _tell(work: Work, drawn: int, seconds: float) -> None:
+    facts = work.sums.facts
+    width, height, sampler = int(facts["width"]), int(facts["height"]), facts["sampler"]
+    rate = width * height * drawn / max(work.render_seconds, 1e-9) / 1e6
+    asked = f" of {facts['spp']} (samples {work.sums.first}:{work.end})" if work.args.samples else ""
+    print(
+        f"{work.output}: {width}x{height}, {work.drawn} spp{asked}, max_depth {facts['max_depth']}, {sampler}: "
+        f"compile {work.compile_seconds:.2f} s, render {work.render_seconds:.2f} s, {rate:.2f} Mpaths/s, "
+        f"all {seconds:.2f} s"
+    )

@@ -26,6 +26,12 @@ def check_output(path: Path) -> None:
     """Refuse an output that could not be written, before any work."""
     with refusing():
         check_suffix(path)
+    check_folder(path)
+
+
+def check_folder(path: Path) -> None:
+    """Refuse an output of any kind whose folder could not take it."""
+    with refusing():
         if path.is_dir():
             raise UsageError(f"{path}: is a folder: name a file in it")
         if not path.parent.is_dir():

@@ -27,15 +27,16 @@ def check_suffix(path: StrPath) -> str:
     return suffix
 
 
-def save_image(path: StrPath, image: ArrayLike, exposure: float = 0.0, srgb: bool = False) -> None:
+def save_image(path: StrPath, image: ArrayLike, exposure: float = 0.0, srgb: bool = False, finite: bool = True) -> None:
     """Write an (H, W, 3) picture of linear radiance, times 2**exposure, to a .png or .exr file.
 
     PNG: 8 bits, gamma 2.2 (or the sRGB curve), clipped to [0, 1]. EXR: linear float32, not clipped.
+    finite: False takes pixels that are not finite too; PNG shows NaN black.
     The file appears whole or not at all. Raises ValueError for an unknown suffix, another shape, or a pixel
     that is not finite, OSError with path and reason where the file cannot be written.
     """
     suffix = check_suffix(path)
-    pixels = _check_pixels(image, exposure)
+    pixels = _check_pixels(image, exposure, finite)
     write_whole(Path(path), lambda file: _WRITERS[suffix](file, pixels, srgb))
 
 
@@ -64,16 +65,16 @@ def load_image(path: StrPath, srgb: bool = False) -> Pixels:
     return pixels
 
 
-def _check_pixels(image: ArrayLike, exposure: float) -> Pixels:
+def _check_pixels(image: ArrayLike, exposure: float, finite: bool) -> Pixels:
     """Return the exposed picture in float32, or raise ValueError naming what is wrong."""
     pixels = np.asarray(image)
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
         raise ValueError(f"image: shape {pixels.shape} is no picture: pass (height, width, 3)")
     if not np.isfinite(exposure):
         raise ValueError(f"exposure: {exposure} is not finite: pass a number of stops")
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
         exposed = (pixels.astype(np.float64) * np.exp2(exposure)).astype(np.float32)
-    if not np.isfinite(exposed).all():
+    if finite and not np.isfinite(exposed).all():
         i, j, c = (int(n) for n in np.argwhere(~np.isfinite(exposed))[0])
         raise ValueError(f"image[{i}, {j}, {c}]: {exposed[i, j, c]} is not finite: mend the picture before saving")
     return exposed
@@ -83,7 +84,8 @@ def _write_png(file: BinaryIO, pixels: Pixels, srgb: bool) -> None:
     from PIL import Image
 
     encoded = color.srgb_encode(pixels) if srgb else color.gamma_encode(pixels)
-    levels = np.rint(255 * np.clip(encoded, 0, 1)).astype(np.uint8)
+    shown = np.where(np.isnan(encoded), 0, encoded)
+    levels = np.rint(255 * np.clip(shown, 0, 1)).astype(np.uint8)
     Image.fromarray(levels).save(file, format="PNG")
 
 

@@ -22,7 +22,7 @@ from jaxrt.programs.kept import SUFFIX, file_of, read_program, write_program
 from jaxrt.programs.key import key_of
 from jaxrt.programs.private import NotPrivate, cache_folder, private_folder
 from jaxrt.programs.trial import on_trial
-from jaxrt.render import draw_sum
+from jaxrt.render import sum_parts
 from jaxrt.scene import Scene
 
 __all__ = ["KEPT", "NotPrivate", "cache_folder", "is_kept", "lend_jax_files", "load_or_compile", "private_folder"]
@@ -33,7 +33,7 @@ Program = Callable[[Scene, Run], Array]
 
 
 def load_or_compile(folder: Path | None, scene: Scene, run: Run, plan: Plan) -> Program:
-    """Return the program of `draw_sum` for arguments of this structure, from the folder if it is there.
+    """Return the program of `sum_parts` for arguments of this structure, from the folder if it is there.
 
     It has run once, with `run`, which should draw no sample: only then XLA tells what it cannot find in a loaded one.
     Files are loaded as code: none is looked at where the folder is not private (`private_folder`).
@@ -41,7 +41,7 @@ def load_or_compile(folder: Path | None, scene: Scene, run: Run, plan: Plan) -> 
     with suppress(NotPrivate):
         if folder is not None:
             return _kept_or_compiled(private_folder(folder), scene, run, plan)
-    program: Program = partial(draw_sum, plan=plan)
+    program: Program = partial(sum_parts, plan=plan)
     jax.block_until_ready(program(scene, run))
     return program
 
@@ -95,7 +95,7 @@ def _try(kept: bytes, scene: Scene, run: Run, plan: Plan) -> Program:
 
 def _compile(scene: Scene, run: Run, plan: Plan) -> Compiled:
     with _cache_of_jax_off():
-        return draw_sum.lower(scene, run, plan).compile()
+        return sum_parts.lower(scene, run, plan).compile()
 
 
 @contextmanager
