@@ -6,7 +6,9 @@ from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
+from numpy.typing import NDArray
 
 from jaxrt.camera import camera_ray
 from jaxrt.maths import kahan_add
@@ -15,12 +17,14 @@ from jaxrt.path import Tables, radiance
 from jaxrt.samplers import SAMPLERS, Stream
 
 BLOCK = 4  # samples, numbered from 0, whose sum is rounded; all that is divided anywhere is divided between blocks
+SHARES = 64  # at most, of a picture that several threads draw; the program of a share serves any number of them
 NATIVE_LANES = 1024  # packets of more lanes are not compiled as one native kernel
 
 _numbers = {name: jax.jit(sampler) for name, sampler in SAMPLERS.items()}  # traced once, though each event asks anew
 
 Operands = TypeVar("Operands")
 Totals = TypeVar("Totals")
+Pixels = TypeVar("Pixels", Array, NDArray[np.float32])
 
 
 class Plan(NamedTuple):
@@ -84,6 +88,27 @@ def draw_packets(f: Callable[[Operands, Array], Array], operands: Operands, size
     return _picture(on_devices(on_device, operands, _count(size, plan), plan.devices), size, plan)
 
 
+def shares_of(size: tuple[int, int], plan: Plan) -> tuple[int, int]:
+    """Return in how many shares a picture is drawn, and how many packets a share has: few turns for many hands."""
+    count = _count(size, plan)
+    turns = -(-count // SHARES)
+    return -(-count // turns), turns
+
+
+def draw_share(
+    f: Callable[[Operands, Array], Array], operands: Operands, share: Array, size: tuple[int, int], plan: Plan
+) -> Array:
+    """Return the packets (turns, lanes, …) of one share, f(operands, packet) each, dealt like cards."""
+    shares, turns = shares_of(size, plan)
+    packets = share + shares * jnp.arange(turns, dtype=jnp.int32)
+    return map_packets(f, operands, packets, is_native(plan))
+
+
+def joined(parts: NDArray[np.float32], size: tuple[int, int], plan: Plan) -> NDArray[np.float32]:
+    """Return the picture (height, width, …) of all shares (shares, turns, lanes, …)."""
+    return _picture(parts, size, plan)
+
+
 def sum_packets(
     f: Callable[[Operands, Array], list[Array]],
     operands: Operands,
@@ -136,11 +161,11 @@ def _count(size: tuple[int, int], plan: Plan) -> int:
     return columns * rows
 
 
-def _picture(packets: Array, size: tuple[int, int], plan: Plan) -> Array:
-    """Return the picture from packets (device, turn, lane, …)."""
+def _picture(packets: Pixels, size: tuple[int, int], plan: Plan) -> Pixels:
+    """Return the picture from packets (device or share, turn, lane, …)."""
     columns, rows, _ = _layout(size, plan)
     width, height = plan.tile
     values = packets.shape[3:]
-    packets = jnp.swapaxes(packets, 0, 1).reshape(-1, height, width, *values)[: columns * rows]
+    packets = packets.swapaxes(0, 1).reshape(-1, height, width, *values)[: columns * rows]
     picture = packets.reshape(rows, columns, height, width, *values).swapaxes(1, 2)
     return picture.reshape(rows * height, columns * width, *values)[: size[1], : size[0]]

@@ -20,6 +20,7 @@ from jaxrt.film import (
     Plan,
     Run,
     draw_packets,
+    draw_share,
     is_native,
     kahan_add_all,
     packets_of,
@@ -47,14 +48,19 @@ def draw(tables: Tables, run: Run, gradient_run: Run, plan: Plan) -> Array:
     Derivatives hold the pixel's position, each light sample's place on its light and all discrete choices fixed; what
     moving visibility edges add is not in them.
     """
-    parts = draw_parts(tables, run, plan)
+    with one_mesh():
+        parts = _draw(tables, run, plan)
     return rounded((parts[..., 0], parts[..., 1], parts[..., 2]))
 
 
-def draw_parts(tables: Tables, run: Run, plan: Plan) -> Array:
-    """Return the sum of the samples of `run` in parts (height, width, 3, 3) along the last axis; no derivative."""
-    with one_mesh():
-        return _draw(tables, run, plan)
+@partial(jax.jit, static_argnames="plan")
+def sum_share(tables: Tables, run: Run, share: Array, plan: Plan) -> Array:
+    """Return the sums of the samples of `run` in one share of the packets, without derivative.
+
+    (turns, lanes, 3, 3): parts along the last axis. Sums of runs that part between blocks, joined, added exactly and
+    rounded once, are `draw` of all their samples.
+    """
+    return draw_share(partial(_packet_sum, plan), (tables, run), share, _size(tables), plan)
 
 
 @partial(jax.jit, static_argnums=2)

@@ -13,10 +13,10 @@ from jax.typing import ArrayLike
 from jaxrt import boundary
 from jaxrt.edges import moving_edges
 from jaxrt.film import Plan, Run
-from jaxrt.interior import draw, draw_parts
+from jaxrt.interior import draw
 from jaxrt.messages import nearest, show
 from jaxrt.native import as_operand, default_devices, everywhere, local
-from jaxrt.path import tables_of
+from jaxrt.path import Tables, tables_of
 from jaxrt.samplers import SAMPLERS, seed_from_key
 from jaxrt.scene import Scene, check_scene, drawn
 
@@ -168,10 +168,7 @@ def draw_sum(scene: Scene, run: Run, plan: Plan, gradient_run: Run | None = None
     return draw(tables_of(as_operand(scene)), run, run if gradient_run is None else gradient_run, plan)
 
 
-@partial(jax.jit, static_argnames="plan")
-def sum_parts(scene: Scene, run: Run, plan: Plan) -> Array:
-    """Return the sum of the samples of `run` as parts (height, width, 3, 3) along the last axis, without derivative.
-
-    Sums of runs that part between blocks, added exactly and rounded once, are `draw_sum` of all their samples.
-    """
-    return draw_parts(tables_of(scene), run, plan)
+@jax.jit
+def scene_tables(scene: Scene) -> Tables:
+    """Return the scene as the kernel reads it, for `sum_share`: once, however often samples are drawn."""
+    return tables_of(scene)

@@ -18,7 +18,7 @@ LAYERS = [
     {"render"},
     {"io", "summary", "programs", "partial", "selectors"},
     {"chunks"},
-    {"gradcheck", "fit"},
+    {"gradcheck", "fit", "hands"},
     {"cli"},
     {"__init__", "__main__"},
 ]

@@ -14,7 +14,7 @@ from jax.stages import Compiled
 
 import jaxrt
 from jaxrt import chunks, cli, programs, summary
-from jaxrt.cli import progress, start
+from jaxrt.cli import progress, render, start
 from jaxrt.film import BLOCK
 from jaxrt.io.image import load_image, save_image
 from jaxrt.io.scene_file import read_description
@@ -62,7 +62,7 @@ def test_a_program_runs_once_before_it_draws(folder, capsys, monkeypatch, path):
     if path == "loaded":
         run(capsys, "render", "ball.toml")
     counted = {
-        "no folder": (programs, "sum_parts"),
+        "no folder": (programs, "sum_share"),
         "compiled": (Compiled, "__call__"),
         "loaded": (Compiled, "__call__"),
     }
@@ -74,7 +74,8 @@ def test_a_program_runs_once_before_it_draws(folder, capsys, monkeypatch, path):
 
     monkeypatch.setattr(*counted[path], count)
     assert run(capsys, "render", "ball.toml", "--spp", 6)[0] == 0
-    assert calls == [0, 4, 2]
+    # The picture has two packets, which are two shares
+    assert calls == [0, 4, 4, 2, 2]
 
 
 def test_the_default_output_is_a_png_in_the_current_folder(folder, capsys):
@@ -103,11 +104,13 @@ def test_exposure_and_srgb_reach_the_file(folder, capsys):
 
 
 def test_the_cores_are_all_usable_ones_unless_told(folder, capsys, monkeypatch):
-    asked = []
-    monkeypatch.setattr(start, "start_jax", lambda cores: asked.append(cores))
+    asked, original = [], render.painter
+    monkeypatch.setattr(render, "painter", lambda *all_: asked.append(all_[-1]) or original(*all_))
+    monkeypatch.setattr(start, "usable_cores", lambda: 5)
     run(capsys, "render", "ball.toml")
     run(capsys, "render", "ball.toml", "--cores", 3)
-    assert asked == [start.usable_cores(), 3]
+    assert asked == [5, 3]
+    monkeypatch.undo()
     monkeypatch.delattr(start.os, "sched_getaffinity", raising=False)
     assert start.usable_cores() == (os.cpu_count() or 1)
 
@@ -224,7 +227,7 @@ def test_outputs_that_cannot_be_written_are_refused_before_rendering(folder, cap
     assert "is not writable: choose another" in refused(capsys, folder, "render", "ball.toml", "-o", "b.png")
 
 
-@pytest.mark.parametrize("moment", ["jaxrt.cli.render.load_or_compile", "jaxrt.cli.render.built"])
+@pytest.mark.parametrize("moment", ["jaxrt.cli.render.painter", "jaxrt.cli.render.built"])
 def test_ctrl_c_before_there_is_anything_leaves_nothing(folder, capsys, monkeypatch, moment):
     def interrupt(*arguments):
         raise KeyboardInterrupt

@@ -21,7 +21,7 @@ def test_l7_jax_without_a_device_is_one_line(tmp_path, monkeypatch, capsys):
     working_folder(tmp_path, monkeypatch)
     for error in (RuntimeError("Unable to initialize backend 'tpu'\nand so on"), AssertionError()):
 
-        def refuse(error=error):
+        def refuse(*_, error=error):
             raise error
 
         monkeypatch.setattr(jax, "devices", refuse)
@@ -78,7 +78,7 @@ def test_s8_more_cores_than_there_are(monkeypatch, capsys):
     given = []
     monkeypatch.setattr(start, "use_cpu_cores", given.append)
     monkeypatch.setattr(start, "usable_cores", lambda: 4)
-    assert [start._present(n) for n in (1, 4, 999)] == [1, 4, 4]
+    assert [start.present(n) for n in (1, 4, 999)] == [1, 4, 4]
     assert capsys.readouterr().err == "jaxrt: warning: --cores 999: this machine has 4, taking these\n"
 
 

@@ -17,12 +17,13 @@ import pytest
 import jaxrt
 from jaxrt import programs
 from jaxrt.cli import start
+from jaxrt.interior import sum_share
 from jaxrt.programs import KEPT, is_kept, load_or_compile
+from jaxrt.programs import key as key_module
 from jaxrt.programs.kept import MAGIC, file_of, read_program, write_program
-from jaxrt.programs.key import key_of
 from jaxrt.programs.private import NotPrivate, private_folder
 from jaxrt.programs.trial import on_trial
-from jaxrt.render import prepare, sum_parts
+from jaxrt.render import prepare, scene_tables
 
 SCENE: dict[str, Any] = {
     "camera": {"position": [0, 0, 55], "width": 16, "height": 12},
@@ -30,12 +31,29 @@ SCENE: dict[str, Any] = {
     "spheres": [{"center": [0, 0, 0], "radius": 10, "material": "white"}],
     "lights": [{"position": [-10, 20, 40], "intensity": 3000}],
 }
+FIRST = np.int32(0)
 ROOT = Path(jaxrt.__file__).parents[1]
 
 
-def arguments_of(changes: Any = (), devices: int = 1, **options: Any) -> Any:
-    options = {"max_depth": 1, "devices": jax.devices()[:devices]} | options
-    return prepare(jaxrt.build(SCENE | dict(changes)), 3, 0, 4, 4, **options)
+def arguments_of(changes: Any = (), **options: Any) -> Any:
+    options = {"max_depth": 1} | options
+    return with_tables(*prepare(jaxrt.build(SCENE | dict(changes)), 3, 0, 4, 4, **options))
+
+
+def with_tables(scene: Any, drawn: Any, plan: Any) -> Any:
+    return scene, scene_tables(scene), drawn, plan
+
+
+def share_of(scene: Any, tables: Any, drawn: Any, plan: Any) -> Any:
+    return sum_share(tables, drawn, FIRST, plan)
+
+
+def key_of(scene: Any, tables: Any, drawn: Any, plan: Any) -> bytes:
+    return key_module.key_of(scene, drawn, plan)
+
+
+def kept_in(folder: Path, scene: Any, tables: Any, drawn: Any, plan: Any) -> bool:
+    return is_kept(folder, scene, drawn, plan)
 
 
 class Shared(NamedTuple):
@@ -52,9 +70,9 @@ class Shared(NamedTuple):
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Shared:
     folder, arguments = tmp_path_factory.mktemp("kept"), arguments_of()
     program = load_or_compile(folder, *arguments)
-    key = key_of(*arguments)
-    picture = np.asarray(program(*arguments[:2]))
-    return Shared(arguments, program, key, file_of(folder, key).read_bytes(), picture)
+    name = key_of(*arguments)
+    picture = np.asarray(program(*arguments[1:3], FIRST))
+    return Shared(arguments, program, name, file_of(folder, name).read_bytes(), picture)
 
 
 class Kept(NamedTuple):
@@ -69,7 +87,7 @@ class Kept(NamedTuple):
     def draw(self) -> None:
         """Ask for the program, and see that its picture is the right one."""
         program = load_or_compile(self.folder, *self.shared.arguments)
-        np.testing.assert_array_equal(program(*self.shared.arguments[:2]), self.shared.picture)
+        np.testing.assert_array_equal(program(*self.shared.arguments[1:3], FIRST), self.shared.picture)
 
     def put(self, content: bytes) -> None:
         self.file.unlink(missing_ok=True)
@@ -98,29 +116,23 @@ def kept(tmp_path: Path, shared: Shared, monkeypatch: pytest.MonkeyPatch) -> Kep
 
 
 def test_a_kept_program_draws_the_same_picture(kept: Kept) -> None:
-    np.testing.assert_array_equal(kept.shared.picture, sum_parts(*kept.shared.arguments))
+    np.testing.assert_array_equal(kept.shared.picture, share_of(*kept.shared.arguments))
     kept.draw()
     # Other values, the same program
-    scene, drawn, plan = kept.shared.arguments
+    scene, _, drawn, plan = kept.shared.arguments
     other = jaxrt.with_parameters(scene, {"lights.position": jnp.array([[10.0, 20, 40]])})
-    loaded = load_or_compile(kept.folder, other, drawn, plan)
-    np.testing.assert_array_equal(loaded(other, drawn), sum_parts(other, drawn, plan))
+    arguments = with_tables(other, drawn, plan)
+    loaded = load_or_compile(kept.folder, *arguments)
+    np.testing.assert_array_equal(loaded(*arguments[1:3], FIRST), share_of(*arguments))
     assert kept.compiled == [] and list(kept.folder.iterdir()) == [kept.file]
-
-
-def test_a_kept_program_of_two_devices_draws_the_same_picture(tmp_path: Path) -> None:
-    arguments = arguments_of(devices=2)
-    expected = np.asarray(sum_parts(*arguments))
-    for _ in range(2):  # compiled, then loaded
-        np.testing.assert_array_equal(load_or_compile(tmp_path, *arguments)(*arguments[:2]), expected)
-    assert len(list(tmp_path.iterdir())) == 1
 
 
 def test_what_changes_the_program_changes_the_key(shared: Shared) -> None:
     changes = ({"environment": {"radiance": [1, 1, 1]}}, {"camera": SCENE["camera"] | {"width": 17}})
     keys = [shared.key, *(key_of(*arguments_of(change)) for change in changes)]
     keys += [
-        key_of(*arguments_of(**option)) for option in ({"max_depth": 2}, {"devices": 2}, {"sampler": "stratified"})
+        key_of(*arguments_of(**option))
+        for option in ({"max_depth": 2}, {"devices": jax.devices()[1:]}, {"sampler": "stratified"})
     ]
     assert len(set(keys)) == 6
     bright = arguments_of({"lights": [{"position": [1, 2, 40], "intensity": 5}]})
@@ -139,14 +151,14 @@ OTHERS = {
 
 @pytest.mark.parametrize("change", [*OTHERS, "XLA_FLAGS", "precision"])
 def test_l2_the_machine_and_the_settings_are_in_the_key(kept: Kept, monkeypatch, change: str) -> None:
-    assert is_kept(kept.folder, *kept.shared.arguments)
+    assert kept_in(kept.folder, *kept.shared.arguments)
     with monkeypatch.context() as context, jax.default_matmul_precision("float32" if change == "precision" else None):
         if change in OTHERS:
             context.setattr(change, OTHERS[change])
         if change == "XLA_FLAGS":
             context.setenv("XLA_FLAGS", "--xla_cpu_enable_fast_math=true")
-        assert not is_kept(kept.folder, *kept.shared.arguments)
-    assert is_kept(kept.folder, *kept.shared.arguments)
+        assert not kept_in(kept.folder, *kept.shared.arguments)
+    assert kept_in(kept.folder, *kept.shared.arguments)
 
 
 def test_l2_settings_that_change_no_code_are_not_in_the_key(shared: Shared, monkeypatch) -> None:
@@ -260,9 +272,9 @@ def test_l2_of_fifty_flipped_bits_none_is_loaded(kept: Kept) -> None:
         broken[bit // 8] ^= 1 << bit % 8
         kept.put(bytes(broken))
         assert read_program(kept.file, kept.shared.key) is None, bit
-        assert not is_kept(kept.folder, *kept.shared.arguments)
+        assert not kept_in(kept.folder, *kept.shared.arguments)
     kept.draw()
-    assert (kept.loaded, kept.compiled) == ([], ["compiled"]) and is_kept(kept.folder, *kept.shared.arguments)
+    assert (kept.loaded, kept.compiled) == ([], ["compiled"]) and kept_in(kept.folder, *kept.shared.arguments)
 
 
 @pytest.mark.parametrize("length", [0, 1, 100, 0.5, -1])

@@ -4,12 +4,12 @@ import argparse
 
 from jaxrt.cli import start
 from jaxrt.cli.errors import refusing
-from jaxrt.cli.start import usable_cores
+from jaxrt.cli.start import present, usable_cores
 from jaxrt.fit.command import run_fit
 
 
 def run(args: argparse.Namespace) -> int:
-    start.start_jax(args.cores or usable_cores())
+    start.start_jax(present(args.cores or usable_cores()))
     start.check_devices()
     with refusing():
         return run_fit(args)

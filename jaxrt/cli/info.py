@@ -4,7 +4,7 @@ import argparse
 
 from jaxrt.checks import check_memory
 from jaxrt.cli import start
-from jaxrt.cli.start import built, usable_cores
+from jaxrt.cli.start import built
 from jaxrt.io.scene_file import read_description
 from jaxrt.programs import is_kept
 from jaxrt.render import prepare
@@ -14,7 +14,7 @@ from jaxrt.summary import print_summary
 def run(args: argparse.Namespace) -> None:
     description = read_description(args.scene, args.allow_folder)
     check_memory(description.camera.width, description.camera.height, str(args.scene))
-    folder = start.start_jax(usable_cores())
+    folder = start.start_jax(1)
     messages: list[object] = []
     scene = built(description, messages.append)
     print_summary(str(args.scene), description, scene, [str(message) for message in messages])

@@ -9,18 +9,18 @@ from pathlib import Path
 import jax
 import numpy as np
 
-import jaxrt
 from jaxrt.cli.errors import UsageError, refusing
 from jaxrt.cli.start import warn
 from jaxrt.film import BLOCK, Plan
 from jaxrt.partial import MACHINE, SUFFIX, Facts, Partial, difference, read_partial
+from jaxrt.programs.key import code, cpu_features
 from jaxrt.scene import Scene
 
 
 def facts_of(scene: Scene, plan: Plan, seed: int, spp: int) -> Facts:
     """Return what determines every sample: two pictures with the same facts are the same picture."""
     return {
-        "code": _code(),
+        "code": code(),
         "jax": version("jax"),
         "jaxlib": version("jaxlib"),
         "width": scene.camera.width,
@@ -77,14 +77,6 @@ def begin(output: Path, resume: bool, facts: Facts, first: int, end: int) -> Par
     return found
 
 
-def _code() -> str:
-    """Return a hash of jaxrt itself."""
-    digest = hashlib.sha256()
-    for source in sorted(Path(jaxrt.__file__).parent.rglob("*.py")):
-        digest.update(source.read_bytes())
-    return digest.hexdigest()
-
-
 def _hash_of(scene: Scene) -> str:
     leaves, structure = jax.tree.flatten(scene)
     digest = hashlib.sha256(str(structure).encode())
@@ -98,10 +90,5 @@ def _processor(device: jax.Device) -> str:
     """Return the kind of device; of a CPU also a hash of its features and XLA's flags, by which it compiles."""
     if device.platform != "cpu":
         return device.device_kind
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        lines = []
-    flags = os.environ.get("XLA_FLAGS", "")
-    features = next((sorted(line.split()) for line in lines if line.startswith(("flags", "Features"))), [])
-    return f"{platform.machine()} {hashlib.sha256(f'{features} {flags}'.encode()).hexdigest()[:16]}"
+    features = cpu_features() + os.environ.get("XLA_FLAGS", "")
+    return f"{platform.machine()} {hashlib.sha256(features.encode()).hexdigest()[:16]}"

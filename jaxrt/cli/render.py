@@ -19,11 +19,11 @@ from jaxrt.cli.job import begin, facts_of, samples_of, sums_beside
 from jaxrt.cli.progress import compiling, progress
 from jaxrt.cli.saving import ELSEWHERE, save, save_picture
 from jaxrt.cli.signals import Interrupted, noted, status_of
-from jaxrt.cli.start import built, check_folder, check_output, described, usable_cores, warn
+from jaxrt.cli.start import built, check_folder, check_output, described, warn
 from jaxrt.description import nearest, show
 from jaxrt.film import Plan, Run
+from jaxrt.hands import painter
 from jaxrt.partial import SUFFIX, Partial
-from jaxrt.programs import load_or_compile
 from jaxrt.render import prepare
 from jaxrt.samplers import SAMPLERS
 from jaxrt.scene import Scene
@@ -37,6 +37,7 @@ class Work:
 
     args: argparse.Namespace
     output: Path
+    cores: int
     end: int
     sums: Partial
     compile_seconds: float = 0.0
@@ -56,14 +57,15 @@ def run(args: argparse.Namespace) -> int:
     output = _output(args)
     description = described(args)
     began = time.perf_counter()
-    folder = start.start_jax(args.cores or usable_cores())
+    cores = start.present(args.cores or start.usable_cores())
+    folder = start.start_jax(1)
     spp = description.render.spp
     _check_sampler(args.sampler, spp)
     first, end = samples_of(args.samples, spp)
     # No sample, which compiles all the same
     nothing = prepare(built(description), args.seed, 0, 0, spp, sampler=args.sampler)
     facts = facts_of(nothing[0], nothing[2], args.seed, spp)
-    work = Work(args, output, end, begin(output, args.resume, facts, first, end))
+    work = Work(args, output, cores, end, begin(output, args.resume, facts, first, end))
     before = work.drawn
     with ExitStack() as signals:
         try:
@@ -112,14 +114,14 @@ def _draw(work: Work, scene: Scene, run: Run, plan: Plan, folder: Path | None, s
     with progress(work.end - work.sums.first) as report:
         began = time.perf_counter()
         with compiling():
-            program = load_or_compile(folder, scene, run, plan)
+            draw_run = painter(folder, scene, run, plan, work.cores)
         compiled = kept = time.perf_counter()
         work.compile_seconds = compiled - began
         report(work.drawn)
         stop = signals.enter_context(noted())
 
         def draw(first: int, count: int) -> NDArray[np.float32]:
-            return np.asarray(program(scene, run._replace(first=jnp.int32(first), end=jnp.int32(first + count))))
+            return draw_run(run._replace(first=jnp.int32(first), end=jnp.int32(first + count)))
 
         def keep(sums: Partial) -> bool:
             nonlocal kept

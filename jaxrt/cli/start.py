@@ -57,8 +57,8 @@ def usable_cores() -> int:
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
-def _present(cores: int) -> int:
-    """Return at most the cores that there are: XLA's threads for a thousand more end the process."""
+def present(cores: int) -> int:
+    """Return at most the cores that there are."""
     most = usable_cores()
     if cores > most:
         warn(f"--cores {cores}: this machine has {most}, taking these")
@@ -67,7 +67,7 @@ def _present(cores: int) -> int:
 
 def start_jax(cores: int) -> Path | None:
     """Give JAX the cores, and return the private folder that keeps programs between runs, if there is one."""
-    use_cpu_cores(_present(cores))
+    use_cpu_cores(cores)
     # Tracing makes many objects that live as long as this short process: collecting them costs a tenth of the start
     gc.disable()
     folder = None

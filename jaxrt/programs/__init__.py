@@ -9,40 +9,46 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import jax
+import numpy as np
 from jax import Array
 from jax.experimental.compilation_cache.compilation_cache import reset_cache
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
 from jax.stages import Compiled
 
 from jaxrt.film import Plan, Run
+from jaxrt.interior import sum_share
+from jaxrt.path import Tables
 from jaxrt.programs.jax_files import lend_jax_files
 from jaxrt.programs.kept import SUFFIX, file_of, read_program, write_program
 from jaxrt.programs.key import key_of
 from jaxrt.programs.private import NotPrivate, cache_folder, private_folder
 from jaxrt.programs.trial import on_trial
-from jaxrt.render import sum_parts
 from jaxrt.scene import Scene
 
 __all__ = ["KEPT", "NotPrivate", "cache_folder", "is_kept", "lend_jax_files", "load_or_compile", "private_folder"]
 
 KEPT = 64  # programs in a folder, of about a megabyte each
 
-Program = Callable[[Scene, Run], Array]
+_FIRST = np.int32(0)  # share
+Arguments = tuple[Tables, Run, Any]
+Program = Callable[[Tables, Run, Any], Array]  # of (tables, run, share)
 
 
-def load_or_compile(folder: Path | None, scene: Scene, run: Run, plan: Plan) -> Program:
-    """Return the program of `sum_parts` for arguments of this structure, from the folder if it is there.
+def load_or_compile(folder: Path | None, scene: Scene, tables: Tables, run: Run, plan: Plan) -> Program:
+    """Return the program of `sum_share` for arguments of this structure, from the folder if it is there.
 
-    It has run once, with `run`, which should draw no sample: only then XLA tells what it cannot find in a loaded one.
+    tables: those of the scene, by whose structure the program is found. It has run once, with `run`, which should draw
+    no sample: only then XLA tells what it cannot find in a loaded one.
     Files are loaded as code: none is looked at where the folder is not private (`private_folder`).
     """
     with suppress(NotPrivate):
         if folder is not None:
-            return _kept_or_compiled(private_folder(folder), scene, run, plan)
-    program: Program = partial(sum_parts, plan=plan)
-    jax.block_until_ready(program(scene, run))
+            return _kept_or_compiled(private_folder(folder), key_of(scene, run, plan), (tables, run, _FIRST), plan)
+    program: Program = partial(sum_share, plan=plan)
+    jax.block_until_ready(program(tables, run, _FIRST))
     return program
 
 
@@ -54,22 +60,21 @@ def is_kept(folder: Path | None, scene: Scene, run: Run, plan: Plan) -> bool:
     return read_program(file_of(folder, key), key) is not None
 
 
-def _kept_or_compiled(folder: Path, scene: Scene, run: Run, plan: Plan) -> Program:
-    key = key_of(scene, run, plan)
+def _kept_or_compiled(folder: Path, key: bytes, arguments: Arguments, plan: Plan) -> Program:
     file = file_of(folder, key)
-    loaded = _load(file, key, scene, run, plan)
+    loaded = _load(file, key, arguments, plan)
     if loaded is not None:
         return loaded
-    program = _compile(scene, run, plan)
+    program = _compile(arguments, plan)
     # Only what has run is kept
-    jax.block_until_ready(program(scene, run))
+    jax.block_until_ready(program(*arguments))
     with suppress(OSError):
         write_program(file, key, serialize(program)[0])
         _forget_oldest(folder)
     return program
 
 
-def _load(file: Path, key: bytes, scene: Scene, run: Run, plan: Plan) -> Program | None:
+def _load(file: Path, key: bytes, arguments: Arguments, plan: Plan) -> Program | None:
     """Return the program in the file after a run, or None where there is none that runs."""
     if not os.path.lexists(file):
         return None
@@ -77,7 +82,7 @@ def _load(file: Path, key: bytes, scene: Scene, run: Run, plan: Plan) -> Program
         with suppress(Exception):  # whatever is wrong with the program, compiling mends it
             kept = None if died else read_program(file, key)
             if kept is not None:
-                program = _try(kept, scene, run, plan)
+                program = _try(kept, arguments, plan)
                 file.touch()
                 return program
         # While the mark is there: nobody else tries it
@@ -85,17 +90,17 @@ def _load(file: Path, key: bytes, scene: Scene, run: Run, plan: Plan) -> Program
     return None
 
 
-def _try(kept: bytes, scene: Scene, run: Run, plan: Plan) -> Program:
+def _try(kept: bytes, arguments: Arguments, plan: Plan) -> Program:
     """Load the program and run it. Raises whatever JAX does."""
-    inputs, output = jax.tree.structure(((scene, run), {})), jax.tree.structure(0)
+    inputs, output = jax.tree.structure((arguments, {})), jax.tree.structure(0)
     program = deserialize_and_load(kept, inputs, output, execution_devices=plan.devices)
-    jax.block_until_ready(program(scene, run))
+    jax.block_until_ready(program(*arguments))
     return program
 
 
-def _compile(scene: Scene, run: Run, plan: Plan) -> Compiled:
+def _compile(arguments: Arguments, plan: Plan) -> Compiled:
     with _cache_of_jax_off():
-        return sum_parts.lower(scene, run, plan).compile()
+        return sum_share.lower(*arguments, plan).compile()
 
 
 @contextmanager

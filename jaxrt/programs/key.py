@@ -23,7 +23,7 @@ CPU = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags", "F
 
 
 def key_of(scene: Scene, run: Run, plan: Plan) -> bytes:
-    """Return one line that holds all that determines the program of `sum_parts`, long values by their SHA-256.
+    """Return one line that holds all that determines the program of `sum_share`, long values by their SHA-256.
 
     That is the scene's structure and shapes, the plan, this code, versions, settings, and the machine.
     """
