@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -9,8 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import trimesh
+from jax.extend import core
 
 import jaxrt
+
+pytestmark = pytest.mark.quick
 
 _count = 0
 
@@ -145,6 +149,37 @@ def test_a_training_loop_compiles_once(devices: int) -> None:
             for _ in range(4):
                 albedo = step(albedo)
     assert len(albedo.devices()) == devices and step._cache_size() == 1 and (albedo < 0.8).all()
+
+
+def readers(jaxpr: core.Jaxpr, constants: set[Any]) -> Iterator[str]:
+    """Yield the operations that read the constants (variables of a program) themselves, not what a barrier returns."""
+    for equation in jaxpr.eqns:
+        read = [isinstance(x, core.Var) and x in constants for x in equation.invars]
+        if not any(read) or equation.primitive.name == "optimization_barrier":
+            continue
+        inner = [getattr(x, "jaxpr", x) for x in core.jaxprs_in_params(equation.params)]
+        if len(inner) == 1 and len(inner[0].invars) == len(read):
+            yield from readers(inner[0], {x for x, is_read in zip(inner[0].invars, read, strict=True) if is_read})
+        else:
+            yield equation.primitive.name
+
+
+def test_s4_a_scene_that_is_closed_over_is_no_constant() -> None:
+    """XLA would compute with it while it compiles: with the tree of a mesh that takes longer than compiling."""
+    mesh = {"vertices": MESHES["torus"].vertices, "faces": MESHES["torus"].faces, "material": "white"}
+    scene = jaxrt.build(table(meshes=[mesh]))
+
+    def loss(light: jax.Array) -> jax.Array:
+        moved = replace(scene, lights=replace(scene.lights, position=light))
+        return jaxrt.render(moved, 0, spp=1, max_depth=1, boundary_samples=64).sum()
+
+    def naive(light: jax.Array) -> jax.Array:
+        return light.sum() + jnp.sort(scene.triangles.vertices[:, 0]).sum()
+
+    for f, expected in ((jax.value_and_grad(loss), set()), (naive, {"slice"})):
+        program = jax.make_jaxpr(f)(scene.lights.position)
+        large = {x for x, value in zip(program.jaxpr.constvars, program.consts, strict=True) if value.size > 100}
+        assert large and {*readers(program.jaxpr, large)} == expected
 
 
 def test_gradients_outside_of_jit_compile_once() -> None:

@@ -47,6 +47,14 @@ def test_derivatives_snippet(monkeypatch: pytest.MonkeyPatch) -> None:
     assert names["loss"] > 0 and names["slope"]["lights.position"].sum() < 0
 
 
+def test_compiling_snippet(monkeypatch: pytest.MonkeyPatch) -> None:
+    (snippet,) = blocks("docs/compiling.md", "python")
+    monkeypatch.chdir(ROOT)
+    names: dict[str, Any] = {}
+    exec(snippet, names)
+    assert names["step"]._cache_size() == 1
+
+
 def test_readme_names_every_option() -> None:
     text = (ROOT / "README.md").read_text()
     for option in (

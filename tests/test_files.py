@@ -294,11 +294,11 @@ def test_f7_the_command_line_and_build_tell_it_once(tmp_path):
     (tmp_path / "scene.toml").write_text(text)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        description = read_description(tmp_path / "scene.toml")
+        description = read_description(tmp_path / "scene.toml", allow_folders=[FOLDER])
     (line,) = warnings_of(description)
     assert line == f"meshes[0] ({FOLDER / 'vertex_colours.obj'}): vertex colours are not read"
     with pytest.warns(jaxrt.SceneWarning) as caught:
-        jaxrt.load_scene(tmp_path / "scene.toml")
+        jaxrt.load_scene(tmp_path / "scene.toml", allow_folders=[FOLDER])
     assert [str(warning.message) for warning in caught] == [line]
     # Told by load_mesh, it is not told again by build
     mesh, told = load(FOLDER / "vertex_colours.obj")

@@ -109,12 +109,12 @@ def coloured(tmp_path):
 @pytest.mark.filterwarnings("ignore:.*lie in one plane and overlap")  # so few corners make three faces
 @pytest.mark.parametrize("old", ["f 1 2 4", "  f -4 -3 -1"])
 def test_mtl_colours_become_diffuse_materials(coloured, old):
-    """One row per Kd that is used, exact, not rounded to bytes; one material row per face; both ways of reading."""
+    """One row per Kd that is used, exact, not rounded to bytes; one material a face, white not among them."""
     coloured.write_text(COLOURED.replace("f 1 2 4", old))
     mesh = jaxrt.load_mesh(coloured)
     scene = jaxrt.build(description(mesh))
     np.testing.assert_array_equal(scene.triangles.faces, [[0, 1, 2], [0, 2, 3], [0, 1, 3]])
-    np.testing.assert_array_equal(scene.triangles.material, [1, 2, 1])
+    np.testing.assert_array_equal(scene.triangles.material, [0, 1, 0])
     rows = np.float32([[0.8, 0.8, 0.8], [0.9, 0.05, 0.05], [0.1, 0.2, 0.7]])
     np.testing.assert_array_equal(jaxrt.parameters(scene)["materials.albedo"], rows)
 
@@ -124,10 +124,10 @@ def test_a_material_of_the_scene_wins_over_the_file(coloured):
     mesh = jaxrt.load_mesh(coloured)
     whole = jaxrt.build(description(mesh | {"material": "white"}))
     np.testing.assert_array_equal(whole.triangles.material, [0, 0, 0])
-    assert whole.materials.counts == (1, 0, 1)
+    assert whole.materials.counts == (1, 0, 0)
     one = jaxrt.build(description(mesh, materials=MATERIALS | {"quad.obj:red": {"type": "mirror"}}))
-    assert one.materials.counts == (2, 1, 1)
-    np.testing.assert_array_equal(one.triangles.material, [2, 1, 2])
+    assert one.materials.counts == (1, 1, 0)
+    np.testing.assert_array_equal(one.triangles.material, [1, 0, 1])
 
 
 @pytest.mark.parametrize(
