@@ -17,7 +17,8 @@ LAYERS = [
     {"interior", "edges"},
     {"render"},
     {"io", "summary", "programs", "chunks", "selectors"},
-    {"gradcheck", "fit"},
+    {"gradcheck"},
+    {"fit"},
     {"cli"},
     {"__init__", "__main__"},
 ]
