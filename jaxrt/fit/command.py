@@ -111,7 +111,7 @@ def _warn(missing: dict[str, tuple[str, ...]], scene: Path) -> None:
     lacks = "; ".join(f"{', '.join(texts)}: {', '.join(terms)}" for terms, texts in alike.items())
     first = next(iter(missing))
     _say(
-        f"warning: derivatives lack, for {lacks}. The fit may stall or be off: `jaxrt gradcheck {scene} \"{first}\"` "
+        f'warning: derivatives lack, for {lacks}. The fit may stall or be off: `jaxrt gradcheck {scene} "{first}"` '
         "tells by how much; another view or start may not need them"
     )
 
