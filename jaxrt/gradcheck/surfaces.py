@@ -1,4 +1,4 @@
-"""A scene's surfaces in float64 on the host: which cross, how far they are from touching, and if they see one another."""
+"""A scene's surfaces in float64 on the host: which cross, how far they are from touching, if they see one another."""
 
 from typing import NamedTuple
 
