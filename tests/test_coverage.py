@@ -1,4 +1,4 @@
-"""What `gradcheck` and `fit` say that a derivative lacks, and the steps of finite differences: found without drawing."""
+"""What `gradcheck` and `fit` say that a derivative lacks, and the steps of finite differences: nothing is drawn."""
 
 import warnings
 
