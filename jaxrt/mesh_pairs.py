@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxrt.box_tree import Floats, Ints, box_tree, meetings
-from jaxrt.mesh_facts import cross, triangle_distances
+from jaxrt.mesh_facts import cross, triangle_distances, weld
 
 PAIRS, ASKED = 4_000_000, 30_000
 TOUCHING = 1e-6  # of the coordinates: what is nearer than that touches, and does not cross
@@ -43,16 +43,23 @@ def surfaces_cross(one: Surface, other: Surface) -> bool:
     )
     # Only faces in the box that both are in
     corners = [c[np.all((c.min(axis=1) <= high) & (c.max(axis=1) >= low), axis=-1)] for c in corners]
-    if not all(map(len, corners)):
-        return False
-    margin = TOUCHING * max(np.abs(c).max() for c in corners)
-    first, second = corners
-    return _run_through(first, second, margin) or _run_through(second, first, margin)
+    return all(map(len, corners)) and faces_cross(*corners)
+
+
+def faces_cross(one: Floats, other: Floats) -> bool:
+    """Return whether an edge of some triangles (n, 3, 3) runs through one of others, which may be the same array."""
+    margin = TOUCHING * max(np.abs(corners).max() for corners in (one, other))
+    return _run_through(one, other, margin) or (one is not other and _run_through(other, one, margin))
 
 
 def _run_through(one: Floats, other: Floats, margin: float) -> bool:
     """Return whether an edge of triangles (n, 3, 3) runs through one of the others."""
-    start, end = one.reshape(-1, 3), np.roll(one, -1, axis=1).reshape(-1, 3)
+    places = one.reshape(-1, 3)
+    corners = weld(places).reshape(-1, 3)
+    ends = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2), axis=-1)
+    # Neighbours share their edge
+    first, second = np.divmod(np.unique(ends[:, 0] * len(places) + ends[:, 1]), len(places))
+    start, end = places[first], places[second]
     tree, seen = box_tree(other.min(axis=1), other.max(axis=1)), 0
     for edge, face in meetings(tree, np.minimum(start, end) - margin, np.maximum(start, end) + margin):
         if _some_edge_runs_through(edge, start[edge], end[edge], other[face], margin):
@@ -69,12 +76,17 @@ def _some_edge_runs_through(edge: Ints, start: Floats, end: Floats, faces: Float
     Where the faces at the place are all run through from the same side, the edge goes in or out there; where they are
     not, it passes along a ridge. An edge that lies in the plane of a face at the place touches it.
     """
-    sides = np.roll(faces, -1, axis=1) - faces
-    normal = cross(sides[:, 0], sides[:, 1])
+    normal = cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     before, after = (np.sum((place - faces[:, 0]) * normal, axis=-1) for place in (start, end))
     through = (np.minimum(before, after) < -margin) & (np.maximum(before, after) > margin)
+    if not through.any():
+        return False
     flat = np.maximum(np.abs(before), np.abs(after)) <= margin
+    kept = through | flat
+    edge, start, end, faces, normal = (x[kept] for x in (edge, start, end, faces, normal))
+    before, after, through, flat = (x[kept] for x in (before, after, through, flat))
+    sides = np.roll(faces, -1, axis=1) - faces
     share = np.where(through, before, 0) / np.where(through, before - after, 1)
     place = start + share[:, None] * (end - start)
     outwards = cross(sides, np.broadcast_to(normal[:, None], sides.shape))

@@ -141,7 +141,7 @@ def local(tree: Operands) -> Operands:
     """Return the tree as one device sees it inside of `shard_map` and `pmap`, where what lies on many is no operand."""
     if not get_abstract_mesh().manual_axes:
         return tree
-    if any(getattr(jax.typeof(leaf), "vma", None) for leaf in jax.tree.leaves(tree)):
+    if any(jax.typeof(leaf).manual_axis_type.varying for leaf in jax.tree.leaves(tree)):
         raise ValueError("render: loops start from constants, which shard_map takes for an error: pass check_vma=False")
     spread = jax.tree.map(lambda x: isinstance(x, jax.Array) and not isinstance(x, jax.core.Tracer), tree)
     return jax.tree.map(lambda x, is_spread: jnp.asarray(np.asarray(x)) if is_spread else x, tree, spread)

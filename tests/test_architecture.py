@@ -18,7 +18,8 @@ LAYERS = [
     {"render"},
     {"io", "summary", "programs", "partial", "selectors"},
     {"chunks"},
-    {"gradcheck", "fit", "hands"},
+    {"gradcheck", "hands"},
+    {"fit"},
     {"cli"},
     {"__init__", "__main__"},
 ]

@@ -20,7 +20,7 @@ from command import working_folder
 
 import jaxrt
 from jaxrt import cli
-from jaxrt.fit import Fit, FitError, Machine, Problem, fit, standard_errors, unknowns_of
+from jaxrt.fit import Fit, FitError, Machine, Problem, Progress, fit, standard_errors, unknowns_of
 from jaxrt.fit.files import load_target, read_progress, write_scene
 from jaxrt.io.scene_file import read_description
 from jaxrt.selectors import parse_selector
@@ -293,6 +293,33 @@ def test_a_killed_run_leaves_its_last_good_state(folder: Path) -> None:
     assert len(progress.losses) >= 2 and progress.losses[-1] < progress.losses[0]
     fitted = jaxrt.parameters(jaxrt.load_scene("out/fitted.toml"))["materials.albedo"][0]
     assert float(jnp.abs(fitted - 0.5).max()) > 0.01
+
+
+def test_fit_warns_of_what_derivatives_lack(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    """Once, before it starts, in one line; none for a colour. The solver itself is left out."""
+    from jaxrt.fit import command as module
+
+    def start(problem: Problem, *options) -> None:
+        *_, report = options
+        report(Progress(1, 0, problem.unknowns.vector(problem.scene), 0.5, (0.5,)))
+        raise FitError("fit: begun")
+
+    monkeypatch.setattr(module, "Machine", lambda problem: problem)
+    monkeypatch.setattr(module, "fit", start)
+    sky = "[environment]\nradiance = [1, 1, 1]\n"
+    other = '[[spheres]]\ncenter = [3, 0, 0]\nradius = 2\nmaterial = "ball"\n'
+    Path("ball.toml").write_text(SCENE + other + sky)
+    more = ("spheres.center[1]", "camera.fov", "lights.position[0]")
+    assert cli.main([*command()[:5], *more, "-o", "out"]) == 2
+    crossing, before_sky = "curves where surfaces cross", "outlines before the sky as diffuse surfaces see them"
+    (warning,) = [line for line in capsys.readouterr().err.splitlines() if "warning" in line]
+    assert f"lack, for spheres.center[1], camera.fov: {crossing}, {before_sky}. " in warning
+    assert 'jaxrt gradcheck ball.toml "spheres.center[1]"' in warning and "albedo" not in warning
+    told = json.loads((folder / "out/fit.json").read_text())["parameters"]
+    assert told["camera.fov"]["derivative_lacks"] == [crossing, before_sky]
+    assert told["materials.albedo[ball]"]["derivative_lacks"] == told["lights.position[0]"]["derivative_lacks"] == []
+    assert cli.main(command()) == 2
+    assert "warning" not in capsys.readouterr().err
 
 
 REFUSED = [

@@ -22,7 +22,8 @@ from jaxrt.fit.files import (
     write_scene,
 )
 from jaxrt.fit.solve import Vector
-from jaxrt.fit.unknowns import Floats
+from jaxrt.fit.unknowns import Floats, Unknowns
+from jaxrt.gradcheck.coverage import coverage
 from jaxrt.io.scene_file import read_description
 from jaxrt.scene import Scene, build
 from jaxrt.selectors import Selector, parse_selector
@@ -44,6 +45,8 @@ def run_fit(args: argparse.Namespace) -> int:
     _say(*target.notes)
     depth = args.max_depth or description.render.max_depth
     problem = Problem(scene, unknowns, jnp.asarray(target.image), jnp.asarray(target.weight), depth)
+    missing = missing_terms(scene, unknowns, depth)
+    _warn(missing, args.scene)
     machine = Machine(problem)
     folder = args.output or Path(f"{args.scene.stem}_fit")
     folder.mkdir(parents=True, exist_ok=True)
@@ -55,12 +58,12 @@ def run_fit(args: argparse.Namespace) -> int:
     def report(now: Progress) -> None:
         _say(f"step {now.step}: loss {now.loss:.3e}, {_values(unknowns.values(now.vector))}")
         save(now.vector)
-        write_report(folder / "fit.json", progress_report(unknowns, now))
+        write_report(folder / "fit.json", progress_report(unknowns, now, missing))
 
     spp = args.spp or description.render.spp
     answer = fit(machine, spp, args.seed, args.max_steps, args.starts, resume, report)
     save(answer.vector)
-    write_report(folder / "fit.json", final_report(unknowns, answer))
+    write_report(folder / "fit.json", final_report(unknowns, answer, missing))
     draw_losses(folder / "loss.png", answer.progress.losses)
     draw_before_after(folder / "before_after.png", target, *answer.pictures)
     _tell(folder, problem, answer)
@@ -89,6 +92,28 @@ def _selectors(texts: list[str], scene: Scene, description: SceneDescription) ->
     selectors = {text: parse_selector(text, scene, description) for text in all_rows(texts, scene)}
     check_writable(selectors)
     return selectors
+
+
+def missing_terms(scene: Scene, unknowns: Unknowns, max_depth: int) -> dict[str, tuple[str, ...]]:
+    """Return for each unknown what its derivative lacks in this scene; those that lack nothing are left out."""
+    selectors = ((row.text, row.selector) for row in unknowns.rows)
+    found = {text: coverage(scene, name, max_depth, 1, row).missing for text, (name, row) in selectors}
+    return {text: missing for text, missing in found.items() if missing}
+
+
+def _warn(missing: dict[str, tuple[str, ...]], scene: Path) -> None:
+    """Say in one line which unknowns lack which terms."""
+    if not missing:
+        return
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for text, terms in missing.items():
+        alike.setdefault(terms, []).append(text)
+    lacks = "; ".join(f"{', '.join(texts)}: {', '.join(terms)}" for terms, texts in alike.items())
+    first = next(iter(missing))
+    _say(
+        f'warning: derivatives lack, for {lacks}. The fit may stall or be off: `jaxrt gradcheck {scene} "{first}"` '
+        "tells by how much; another view or start may not need them"
+    )
 
 
 def _tell(folder: Path, problem: Problem, answer: Fit) -> None:

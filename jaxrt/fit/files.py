@@ -118,20 +118,26 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def progress_report(unknowns: Unknowns, progress: Progress) -> dict[str, Any]:
+Missing = Mapping[str, tuple[str, ...]]  # what derivatives lack, by the unknown's name
+
+
+def progress_report(unknowns: Unknowns, progress: Progress, missing: Missing) -> dict[str, Any]:
     """Return what fit.json holds while the fit goes on: enough to resume from."""
     return {
         "verdict": None,
-        "parameters": {name: {"value": value} for name, value in unknowns.values(progress.vector).items()},
+        "parameters": {
+            name: {"value": value, "derivative_lacks": missing.get(name, ())}
+            for name, value in unknowns.values(progress.vector).items()
+        },
         "iterations": progress.step,
         "progress": {"stage": progress.stage, "vector": progress.vector, "losses": progress.losses},
     }
 
 
-def final_report(unknowns: Unknowns, answer: Fit) -> dict[str, Any]:
+def final_report(unknowns: Unknowns, answer: Fit, missing: Missing) -> dict[str, Any]:
     """Return what fit.json holds at the end."""
     verdict: Verdict = answer.verdict
-    report = progress_report(unknowns, answer.progress)
+    report = progress_report(unknowns, answer.progress, missing)
     errors = verdict.errors * unknowns.slopes(answer.vector)
     for row in unknowns.rows:
         own = report["parameters"][row.text]

@@ -15,6 +15,7 @@ from jaxrt.gradcheck.coverage import coverage
 from jaxrt.gradcheck.functionals import functionals, loss_slope
 from jaxrt.gradcheck.heatmap import heatmap
 from jaxrt.gradcheck.report import Component, Group, Report, compare
+from jaxrt.gradcheck.steps import default_step
 from jaxrt.parameters import parameters, with_parameters
 from jaxrt.render import prepare, render
 from jaxrt.samplers import seed_from_key
@@ -24,11 +25,8 @@ from jaxrt.selectors import Selector, select
 __all__ = ["Component", "Group", "Report", "gradcheck", "heatmap"]
 
 SAMPLES_PER_PIXEL = 4  # boundary samples
-SHARE = 0.01  # step of places, as a share of the distance that the camera looks over
 AWAY = 4  # steps from here to where the loss has its minimum
 DRAWS = 6  # pictures and derivatives a seed
-STEPS = {"materials.albedo": 0.02, "materials.ior": 0.02}
-FRACTIONS = {"lights.intensity": 0.02, "environment.radiance": 0.02, "camera.fov": 0.01}
 
 
 def gradcheck(
@@ -53,7 +51,8 @@ def gradcheck(
 
     row: may be None where there is but one. component: 0, 1 or 2 of a vector, by default each in turn. spp: samples of
     each picture, by default the scene's own. boundary_samples: by default 4 a pixel; 0 checks the interior alone. step:
-    of the finer difference, by default about 1 % of what matters; the other has twice as much. tolerance: the
+    of the finer difference, by default about 1 % of what the camera looks over, and less where what moves is small or
+    nearly touches something; the other has twice as much. tolerance: the
     difference that is let pass, and the noise that is not. progress: called with the draws done and their number.
     Raises SceneError for an unknown parameter or row, and ValueError for arguments out of range.
     """
@@ -65,7 +64,7 @@ def gradcheck(
     n = SAMPLES_PER_PIXEL * pixels if boundary_samples is None else boundary_samples
     labels = _labels(selector, scene, component)
     _check(seeds, step, tolerance)
-    known = coverage(scene, name, max_depth, n)
+    known = coverage(scene, name, max_depth, n, selector.row)
     keys = jax.random.split(jax.random.key(seed_from_key(key)), seeds)
     total = len(labels) * seeds * DRAWS
     done = iter(range(1, total + 1))
@@ -110,7 +109,7 @@ def _check_component(
 ) -> Component:  # fmt: skip
     value = parameters(scene)[selector.name]
     index = tuple(i for i in (selector.row, number) if i is not None)
-    h = _step(scene, selector, float(value[index])) if step is None else step
+    h = default_step(scene, selector, float(value[index])) if step is None else step
     direction = jnp.zeros_like(value).at[index].set(1)
 
     def picture(key: Array, steps: int) -> np.ndarray:
@@ -161,34 +160,3 @@ def _derivative(
 
     interior = jax.jvp(inside, (value,), (direction,))[1]
     return interior, jax.jvp(edges, (value,), (direction,))[1] if n else jnp.zeros_like(interior)
-
-
-def _step(scene: Scene, selector: Selector, value: float) -> float:
-    """Return a step for central differences: small against what curves, large against rounding and pixels."""
-    name = selector.name
-    if name in STEPS:
-        return STEPS[name]
-    if name in FRACTIONS:
-        largest = float(jnp.max(jnp.abs(selector.pick(parameters(scene)[name]))))
-        return FRACTIONS[name] * (largest or 1.0)
-    if name.endswith(".radius"):
-        if value <= 0:
-            raise SceneError(f"{selector}: a radius of 0 has no central difference: check a light that has a radius")
-        return min(2 * SHARE * value, SHARE * _reach(scene))
-    return SHARE * _reach(scene)
-
-
-def _reach(scene: Scene) -> float:
-    """Return a typical distance from the camera to what the scene is made of, huge spheres left out."""
-    eye = np.asarray(scene.camera.position, float)
-    places = []
-    if scene.lights is not None:
-        places.append(np.asarray(scene.lights.position, float))
-    if scene.spheres is not None:
-        center, radius = np.asarray(scene.spheres.center, float), np.asarray(scene.spheres.radius, float)
-        places.append(center[2 * radius < np.linalg.norm(center - eye, axis=-1)])
-    if scene.triangles is not None:
-        places.append(np.asarray(scene.triangles.vertices, float))
-    distances = np.linalg.norm(np.concatenate([*places, np.zeros((0, 3))]) - eye, axis=-1)
-    # The lower quartile: a floor may reach far
-    return float(np.percentile(distances[distances > 0], 25)) if np.any(distances > 0) else 1.0

@@ -2,9 +2,19 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
+from jaxrt.gradcheck.surfaces import movers_of, nothing_faces_another, some_cross, surfaces_of
 from jaxrt.scene import Scene
 
 _MOVES_EDGES = ("spheres", "meshes", "camera")
+
+CROSSING = "curves where surfaces cross"
+SKY = "outlines before the sky as diffuse surfaces see them"
+INDIRECT = "edges in indirect light of moving shapes or cameras"
+LIGHTS = "outlines of lights that block bounced light"
+SPECULAR = "edges seen in mirrors and through glass"
+REFRACTED = "edges seen through glass"
 
 
 class Coverage(NamedTuple):
@@ -15,12 +25,14 @@ class Coverage(NamedTuple):
     missing: tuple[str, ...]
 
 
-def coverage(scene: Scene, name: str, max_depth: int, boundary_samples: int) -> Coverage:
-    """Return what derivatives with respect to a parameter contain, and what they do not."""
+def coverage(scene: Scene, name: str, max_depth: int, boundary_samples: int, row: int | None = None) -> Coverage:
+    """Return what derivatives with respect to a parameter's row contain, and what not. None: those of any row."""
     light_moves = name in {"lights.position", "lights.radius"}
     shapes_move = name.split(".")[0] in _MOVES_EDGES
     known = _known_edges(scene, light_moves, shapes_move, max_depth)
-    missing = _unknown_edges(scene, name, light_moves, shapes_move, max_depth)
+    missing = _unknown_edges(scene, name, row, max_depth) if light_moves or shapes_move else []
+    if name == "materials.ior" and scene.materials.glass is not None:
+        missing.append(REFRACTED)
     if boundary_samples:
         return Coverage(bool(known), ("interior", *known), tuple(missing))
     return Coverage(False, ("interior",), (*(f"{edge} (boundary_samples is 0)" for edge in known), *missing))
@@ -40,17 +52,27 @@ def _known_edges(scene: Scene, light_moves: bool, shapes_move: bool, max_depth: 
     return edges
 
 
-def _unknown_edges(scene: Scene, name: str, light_moves: bool, shapes_move: bool, max_depth: int) -> list[str]:
-    specular = scene.materials.mirror is not None or scene.materials.glass is not None
-    diffuse = scene.materials.diffuse is not None
+def _unknown_edges(scene: Scene, name: str, row: int | None, max_depth: int) -> list[str]:
+    """Return what derivatives lack with respect to a place or size of shapes, lights or camera."""
+    surfaces = surfaces_of(scene)
+    movers = movers_of(scene, surfaces, name, row)
+    light_moves = name.startswith("lights.")
+    ball_light_moves = light_moves and bool(np.any(surfaces.radii[movers.balls] > 0))
     sphere_lights = scene.lights is not None and scene.lights.radius is not None
+    sky = scene.environment is not None and bool(np.any(np.asarray(scene.environment) > 0))
+    faced = not nothing_faces_another(surfaces, np.asarray(scene.camera.position, float))
+    bounces = faced and scene.materials.diffuse is not None
     edges = []
-    if specular and (light_moves or shapes_move):
-        edges.append("edges seen in mirrors and through glass")
-    if name == "materials.ior":
-        edges.append("edges seen through glass")
-    if shapes_move and diffuse and max_depth > 1:
-        edges.append("edges in indirect light of moving shapes or cameras")
-    if light_moves and sphere_lights and diffuse and max_depth > 1:
-        edges.append("outlines of lights that block bounced light")
+    if some_cross(surfaces, movers):
+        edges.append(CROSSING)
+    specular = scene.materials.glass is not None or (faced and scene.materials.mirror is not None)
+    # What follows the last event shows lights and the sky alone
+    if specular and (max_depth > 1 or sphere_lights or (sky and not light_moves)):
+        edges.append(SPECULAR)
+    if bounces and sky and not light_moves:
+        edges.append(SKY)
+    if bounces and max_depth > 1 and not light_moves:
+        edges.append(INDIRECT)
+    if bounces and ball_light_moves and (max_depth > 1 or sky):
+        edges.append(LIGHTS)
     return edges
