@@ -13,6 +13,7 @@ RELATIVE_FLOOR = 1e-2  # added to the squared reference in the relative MSE, so 
 
 
 def run(args: argparse.Namespace) -> None:
+    """Print how two pictures differ, and write a picture of where."""
     check_output(args.output)
     with refusing():
         a, b = (load_image(path, srgb=args.srgb).astype(np.float64) for path in (args.a, args.b))

@@ -9,6 +9,7 @@ from jaxrt.fit.command import run_fit
 
 
 def run(args: argparse.Namespace) -> int:
+    """Fit and return the exit status."""
     start.start_jax(present(args.cores or usable_cores()))
     start.check_devices()
     with refusing():

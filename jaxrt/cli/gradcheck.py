@@ -18,6 +18,7 @@ CHECK_SPP = 256
 
 
 def run(args: argparse.Namespace) -> int:
+    """Print how a derivative compares with finite differences, and return the exit status."""
     if args.output is not None:
         check_output(args.output)
     if args.width is None and args.height is None:

@@ -12,6 +12,7 @@ from jaxrt.summary import print_summary
 
 
 def run(args: argparse.Namespace) -> None:
+    """Print what is in a scene, and whether its program is kept."""
     description = read_description(args.scene, args.allow_folder)
     check_memory(description.camera.width, description.camera.height, str(args.scene))
     folder = start.start_jax(1)

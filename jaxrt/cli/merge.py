@@ -9,6 +9,7 @@ from jaxrt.partial import MACHINE, merged, read_partial
 
 
 def run(args: argparse.Namespace) -> int:
+    """Write the picture that parts make up, and return the exit status."""
     check_output(args.output)
     if len(set(args.parts)) < len(args.parts):
         raise UsageError("merge: a file is named twice: name each once")

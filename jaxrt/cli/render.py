@@ -54,6 +54,7 @@ class Work:
 
 
 def run(args: argparse.Namespace) -> int:
+    """Draw, write the picture or sums, and return the exit status."""
     output = _output(args)
     description = described(args)
     began = time.perf_counter()

@@ -53,6 +53,7 @@ def described(args: argparse.Namespace) -> SceneDescription:
 
 
 def usable_cores() -> int:
+    """Return how many cores this process may run on."""
     affinity = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
@@ -97,6 +98,7 @@ def check_devices() -> None:
 
 
 def warn(message: object) -> None:
+    """Print a warning in one line on stderr."""
     print(f"jaxrt: warning: {one_line(str(message))}", file=sys.stderr)
 
 

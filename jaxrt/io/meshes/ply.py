@@ -110,8 +110,9 @@ def _corners_of(element: Element, source: str) -> Property:
 def _whole(lists: Numbers | Lists, source: str) -> Polygons:
     """Return lists of vertices as whole numbers."""
     assert isinstance(lists, Lists)
-    wrong = np.flatnonzero(np.rint(lists.values) != lists.values)
-    polygons = Polygons(np.nan_to_num(np.clip(lists.values, -(2.0**62), 2.0**62)).astype(np.int64), lists.sizes)
+    whole = np.rint(lists.values) == lists.values
+    polygons = Polygons(np.where(whole, np.clip(lists.values, -(2.0**62), 2.0**62), 0).astype(np.int64), lists.sizes)
+    wrong = np.flatnonzero(~whole)
     if len(wrong):
         value = lists.values[wrong[0]]
         raise SceneError(
