@@ -163,6 +163,7 @@ def straight_edge_rows(light, axis):
     return (np.where(inside, -radiance * speed, 0).reshape(64, 8) * weights / 2).sum(-1)
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_straight_shadow_edge_has_its_closed_form(axis):
     light = (-0.15, 3.0, 0.4)
@@ -240,6 +241,7 @@ def one_vertex(scene):
     return np.where((np.abs(vertices - corner) < 1e-5).all(-1)[:, None], Y, 0)
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("case", GEOMETRY)
 def test_moving_shapes_and_camera(case):
     scene = scene_of(0.0)
@@ -287,6 +289,7 @@ def test_a_sphere_light_casts_the_shadow_of_another_and_is_seen_itself():
 # What JAX asks of it
 
 
+@pytest.mark.quick
 def test_reverse_mode_is_the_transpose_of_forward_mode():
     scene, rng = scene_of(0.5), np.random.default_rng(1)
     change = {k: jnp.asarray(rng.normal(size=v.shape), jnp.float32) for k, v in values_of(scene).items()}

@@ -119,6 +119,7 @@ def slopes():
     return jax.jit(jax.jacfwd(ball_picture))(chosen())
 
 
+@pytest.mark.quick
 def test_jvp_and_grad_and_jacrev_agree_with_jacfwd():
     """To 1e-5 of the largest entry: the same samples, summed in another order."""
     values = chosen()
@@ -135,6 +136,7 @@ def test_jvp_and_grad_and_jacrev_agree_with_jacfwd():
         np.testing.assert_allclose(gradient[k], jacobian[k].sum((0, 1, 2)), atol=192 * scale)
 
 
+@pytest.mark.quick
 def test_vmap_of_pictures_and_of_gradients():
     """Equal to one after the other, to 1e-6; of twenty scenes, which is more than a native kernel has room for."""
     places = jnp.asarray(np.linspace([[0.8, -0.3, 0.4]], [[-0.5, 0.2, 0.1]], 20), jnp.float32)
@@ -170,6 +172,7 @@ def test_wide_packets_backwards_add_up_to_the_same_gradient(monkeypatch):
         np.testing.assert_allclose(wide[name], narrow[name], rtol=1e-5, atol=1e-6, err_msg=name)
 
 
+@pytest.mark.quick
 def test_hessian_of_the_interior():
     """Direct light ρ I cosθ/(π d²) under a light inside a ball has a closed form, and so has its Hessian: 1e-4."""
     eye, seen, rho, intensity = np.array([0.3, 0.1, 0.2]), np.array([1.2, 0, -1.6]), 0.8, 5.0
@@ -194,6 +197,7 @@ def test_hessian_of_the_interior():
     np.testing.assert_allclose(found, expected, atol=2e-4 * abs(expected).max())
 
 
+@pytest.mark.quick
 def test_second_derivatives_of_edges_are_refused():
     def loss(place):
         values = chosen() | {"lights.position": place}
@@ -252,6 +256,7 @@ def kernels(compiled):
     return compiled.as_text().count('xla_cpu_small_call="true"')
 
 
+@pytest.mark.quick
 def test_derivatives_are_native_kernels_and_tangents_share_one():
     """Were the tag lost, derivatives would still be right, and ten times slower.
 

@@ -75,6 +75,7 @@ def test_a_point_light_is_found_from_19_of_20_starts(record_property) -> None:
     assert int(jnp.sum(errors <= 0.01 * DIAGONAL)) >= 19, errors
 
 
+@pytest.mark.quick
 @pytest.mark.slow
 def test_albedos_of_a_room_are_found_from_20_starts() -> None:
     scene = resized("scenes/seed/soft_shadow_indirect.toml")
@@ -234,6 +235,7 @@ def command(*more: str) -> list[str]:
     return ["fit", "ball.toml", "target.exr", "--parameters", "materials.albedo[ball]", "-o", "out", *more]
 
 
+@pytest.mark.quick
 def test_fit_from_end_to_end(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(command()) == 0
     out, err = capsys.readouterr()

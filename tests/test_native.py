@@ -12,6 +12,8 @@ from jax import Array, lax
 import jaxrt
 from jaxrt.native import LARGE, fold_packets, map_packets, once
 
+pytestmark = pytest.mark.quick
+
 TAG = 'xla_cpu_small_call="true"'
 
 

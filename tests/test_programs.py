@@ -25,6 +25,8 @@ from jaxrt.programs.private import NotPrivate, private_folder
 from jaxrt.programs.trial import on_trial
 from jaxrt.render import prepare, scene_tables
 
+pytestmark = pytest.mark.quick
+
 SCENE: dict[str, Any] = {
     "camera": {"position": [0, 0, 55], "width": 16, "height": 12},
     "materials": {"white": {"type": "diffuse", "albedo": [0.8, 0.8, 0.8]}},

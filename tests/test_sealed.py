@@ -3,9 +3,12 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from jax import Array, lax
 
 from jaxrt.sealed import sealed
+
+pytestmark = pytest.mark.quick
 
 
 def powers(values: dict[str, Array], n: Array) -> tuple[Array, Array]:

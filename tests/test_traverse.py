@@ -38,6 +38,7 @@ def ball():
     return triangles, o, d, found
 
 
+@pytest.mark.quick
 def test_vmap_over_moved_meshes_and_rays(ball):
     triangles, o, d, (t, face) = ball
     scales = jnp.asarray([1.0, 0.5, 2.0])
@@ -64,6 +65,7 @@ def test_vmap_of_vmap_over_rays(ball):
     assert np.array_equal(both[0].ravel(), t) and np.array_equal(both[1].ravel(), face)
 
 
+@pytest.mark.quick
 def test_one_ray_finds_what_many_find(ball):
     triangles, o, d, (_, face) = ball
     one = jax.jit(nearest)
