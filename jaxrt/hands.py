@@ -37,15 +37,17 @@ def painter(
             hands.put(partial(program, tables))
     pool = ThreadPoolExecutor(hands.qsize(), thread_name_prefix="jaxrt")
 
-    def draw_share(run: Run, share: int) -> NDArray[np.float32]:
+    def draw_share(run: Run, share: int, parts: NDArray[np.float32]) -> None:
         hand = hands.get()
         try:
-            return np.asarray(hand(run, np.int32(share)))
+            parts[share] = hand(run, np.int32(share))
         finally:
             hands.put(hand)
 
     def draw(run: Run) -> NDArray[np.float32]:
-        shares = range(shares_of(size, plan)[0])
-        return joined(np.stack(list(pool.map(partial(draw_share, run), shares))), size, plan)
+        shares, turns = shares_of(size, plan)
+        parts = np.empty((shares, turns, plan.lanes, 3, 3), scene.camera.position.dtype)
+        list(pool.map(lambda share: draw_share(run, share, parts), range(shares)))
+        return joined(parts, size, plan)
 
     return draw

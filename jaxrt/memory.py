@@ -6,7 +6,7 @@ from pathlib import Path
 
 from jaxrt.description import SceneError
 
-BYTES_PER_PIXEL = 72  # float32 sum, compensation, copy (36); float64 sum on the host (24); encoding (12)
+BYTES_PER_PIXEL = 180  # sums of samples in parts, twice (72), and exactly, before and after a chunk (96); encoding (12)
 UNLIMITED = 2**60  # cgroups of version 1 write no limit as a number near 2⁶³
 GROUPS = Path("/sys/fs/cgroup")
 OWN_GROUPS, OWN_STATUS = Path("/proc/self/cgroup"), Path("/proc/self/statm")
