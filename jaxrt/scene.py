@@ -208,7 +208,7 @@ def _wide(scene: SceneDescription) -> bool:
     sides = [np.linalg.norm(x - np.roll(x, 1, axis=1), axis=-1).max(axis=-1) for x in corners]
     # A mesh is as large as its faces laid side by side: a floor in it does not count, if only it has few faces
     sizes = [np.median(side) * len(side) ** 0.5 for side in sides] + [s.radius for s in scene.spheres]
-    return max(side.max() for side in sides) > WIDE * min(sizes)
+    return bool(max(side.max() for side in sides) > WIDE * min(sizes))
 
 
 def _smooth(scene: SceneDescription, vertices: np.ndarray, faces: np.ndarray) -> Array | None:

@@ -48,7 +48,7 @@ def test_find_matches_the_oracle():
     d = directions(o, corners[:, 0].mean(1) + rng.uniform(-0.2, 0.2, (n, 3)))
 
     def one(corners, o, d):
-        table, ray = triangle.TriangleTable(corners, jnp.zeros(5, jnp.int32)), Ray(o, d)
+        table, ray = triangle.corner_table(corners, jnp.zeros(5, jnp.int32)), Ray(o, d)
         t, row = triangle.find_triangle(table, ray, jnp.full((), FAR))
         point = triangle.triangle_surface_point(table, ray, jnp.maximum(row, 0))
         return t, row, triangle.occluded_by_triangle(table, ray, jnp.full((), FAR)), point
@@ -96,7 +96,7 @@ def test_surface_point_follows_the_corners_and_the_ray():
 
     def position(lift, o):
         corners = jnp.asarray(FLOOR[:3])[None].at[..., 1].add(lift)
-        table = triangle.TriangleTable(corners, jnp.zeros(1, jnp.int32))
+        table = triangle.corner_table(corners, jnp.zeros(1, jnp.int32))
         return triangle.triangle_surface_point(table, Ray(o, d), jnp.int32(0)).position
 
     by_lift, by_o = jax.jit(jax.jacfwd(position, (0, 1)))(jnp.float32(0.4), o)

@@ -11,7 +11,7 @@ import jaxrt
 from jaxrt.maths import FAR
 from jaxrt.records import Ray
 from jaxrt.shapes import Triangles, leave
-from jaxrt.shapes.triangle import TriangleTable, find_triangle, triangle_surface_point, triangle_table
+from jaxrt.shapes.triangle import corner_table, find_triangle, triangle_surface_point, triangle_table
 from tests.lanes import lanes
 from tests.oracle import directions, unit_vectors
 
@@ -35,7 +35,7 @@ def floor(half, tilt=0.0, y=-1.0, away=(0, 0, 0)):
 
 def go_on(wide, corners, o, d, w):
     """Return (row hit, place, offset, what a ray in direction w then hits)."""
-    table, far = TriangleTable(corners, jnp.zeros(2, jnp.int32), wide=wide), jnp.full((), FAR)
+    table, far = corner_table(corners, jnp.zeros(2, jnp.int32), wide=wide), jnp.full((), FAR)
     t, row = find_triangle(table, Ray(o, d), far)
     point = triangle_surface_point(table, Ray(o, d), jnp.maximum(row, 0))
     return row, t, point, find_triangle(table, leave(point, w), far)[1]
@@ -112,7 +112,7 @@ def test_f9_derivatives_of_a_wide_floor_are_those_of_a_narrow_one():
     """Of a place on it, in the ray's origin and the floor's height."""
 
     def place(corners, o, height, wide):
-        table = TriangleTable(corners.at[..., 1].add(height), jnp.zeros(2, jnp.int32), wide=wide)
+        table = corner_table(corners.at[..., 1].add(height), jnp.zeros(2, jnp.int32), wide=wide)
         ray = Ray(o, jnp.array([0.6, -0.64, 0.48]))
         return triangle_surface_point(table, ray, find_triangle(table, ray, jnp.full((), FAR))[1]).position
 

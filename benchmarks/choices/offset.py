@@ -19,7 +19,7 @@ from jaxrt.maths import FAR, dot
 from jaxrt.records import Ray, SurfacePoint
 from jaxrt.shapes import leave
 from jaxrt.shapes.sphere import Spheres, find_sphere, sphere_surface_point, sphere_table
-from jaxrt.shapes.triangle import TriangleTable, find_triangle, triangle_surface_point
+from jaxrt.shapes.triangle import corner_table, find_triangle, triangle_surface_point
 from tests.lanes import lanes
 from tests.oracle import directions, unit_vectors
 
@@ -57,7 +57,7 @@ def ball_again(method: Leave, center: Array, radius: Array, o: Array, d: Array, 
 
 def plate_row(method: Leave, corners: Array, o: Array, d: Array, w: Array) -> Array:
     """Return what a ray hits that leaves plate 0 towards plate 1; corners: (2, 3, 3)."""
-    table = TriangleTable(corners, jnp.zeros(2, jnp.int32))
+    table = corner_table(corners, jnp.zeros(2, jnp.int32))
     point = triangle_surface_point(table, Ray(o, d), jnp.int32(0))
     return find_triangle(table, method(point, w), jnp.full((), FAR))[1]
 

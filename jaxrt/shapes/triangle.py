@@ -39,6 +39,7 @@ class TriangleTable:
 
     corners: Array  # (n, 3, 3) corner, coordinate
     material: Array  # (n,) int32
+    error: Array  # (n,) how far off its plane a point of a triangle may be seen; without derivative
     tree: Tree | None = None  # no derivative passes through it
     normals: Array | None = None  # (n, 3, 3) unit normal at each corner, None where no mesh is smooth
     wide: bool = static(default=False)  # as above: hits are then found with more care
@@ -53,7 +54,14 @@ def triangle_table(triangles: Triangles) -> TriangleTable:
     corners = jnp.where(flat[:, None, None], corners[:, :1], corners)
     tree = None if triangles.bvh is None else tree_of(triangles.bvh, lax.stop_gradient(corners), triangles.wide)
     normals = None if triangles.smooth is None else corner_normals(corners, triangles.smooth)
-    return TriangleTable(corners, triangles.material, tree, normals, triangles.wide)
+    return corner_table(corners, triangles.material, tree, normals, triangles.wide)
+
+
+def corner_table(
+    corners: Array, material: Array, tree: Tree | None = None, normals: Array | None = None, wide: bool = False
+) -> TriangleTable:
+    """Return the rows of triangles by their corners (n, 3, 3)."""
+    return TriangleTable(corners, material, _plane_error(lax.stop_gradient(corners)), tree, normals, wide)
 
 
 def sheared(corners: Array, ray: Ray, wide: bool = False) -> list[Corner]:
@@ -113,11 +121,9 @@ def triangle_surface_point(table: TriangleTable, ray: Ray, i: Array) -> SurfaceP
     hit1, hit2 = _hit_weights(*lax.stop_gradient((corners, ray)))
     beta, gamma = hit1 + grad_only(beta), hit2 + grad_only(gamma)
     p = a + beta * edge1 + gamma * edge2
-    unit = normalize(normal)
-    fixed = lax.stop_gradient((corners, normal, unit))
-    error = _plane_error(*fixed)
+    unit, error = normalize(normal), take(table.error, i)
     if table.wide:
-        p = p + _place_on_ray(fixed[0], fixed[2], error, *lax.stop_gradient((ray, p)))
+        p = p + _place_on_ray(*lax.stop_gradient((corners, unit)), error, *lax.stop_gradient((ray, p)))
     point = SurfacePoint(p, unit, error, table.material[i])
     if table.normals is None:
         return point
@@ -125,8 +131,8 @@ def triangle_surface_point(table: TriangleTable, ray: Ray, i: Array) -> SurfaceP
     return replace(point, position=lifted, smooth=smooth)
 
 
-def _plane_error(corners: Array, normal: Array, unit: Array) -> Array:
-    """Return a bound on how far off the triangle's plane float arithmetic sees a point laid on it, in scene units.
+def _plane_error(corners: Array) -> Array:
+    """Return bounds (n,) on how far off its plane float arithmetic sees a point laid on each triangle, in scene units.
 
     Let m be the largest |coordinate| of the corners along an axis. There a + β edge1 + γ edge2 is wrong by 8u m: 2u m
     for its two sums, 3u of each product for difference, product and its sum, with |edge| ≤ 2m and β + γ ≤ 1. The next
@@ -135,10 +141,15 @@ def _plane_error(corners: Array, normal: Array, unit: Array) -> Array:
     along an axis lead off the plane by the normal's share of it only: a floor may be wide at no price. What the normal
     itself may be wrong by counts as a share too, which is much for a sliver.
     """
-    edge1, edge2, size = jnp.abs(corners[1] - corners[0]), jnp.abs(corners[2] - corners[0]), jnp.abs(corners).max(0)
-    u, others = unit_roundoff(corners), ((1, 2), (2, 0), (0, 1))
-    wrong = 4 * u * jnp.stack([edge1[i] * edge2[j] + edge1[j] * edge2[i] for i, j in others])
-    return 12 * u * (dot(jnp.abs(unit), size) + safe_divide(dot(wrong, size), jnp.abs(normal).max()))
+    edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    a, b, size, u = jnp.abs(edge1.T), jnp.abs(edge2.T), jnp.abs(corners).max(1).T, unit_roundoff(corners)
+    normal = jnp.abs(cross(edge1.T, edge2.T))
+    wrong = 4 * u * jnp.stack([a[i] * b[j] + a[j] * b[i] for i, j in ((1, 2), (2, 0), (0, 1))])
+    # Scaled, since squares of small or large ones leave the range of floats
+    largest = normal.max(0)
+    scaled = safe_divide(normal, largest[None])
+    share = safe_divide(scaled, jnp.sqrt(jnp.sum(scaled * scaled, 0))[None]) + safe_divide(wrong, largest[None])
+    return 12 * u * jnp.sum(share * size, 0)
 
 
 def _place_on_ray(corners: Array, unit: Array, error: Array, ray: Ray, p: Array) -> Array:

@@ -13,7 +13,7 @@ from jaxrt.shapes import Geometry, leave, occluded
 from jaxrt.shapes.sphere import Spheres, find_sphere, sphere_surface_point, sphere_table
 from jaxrt.shapes.triangle import (
     Triangles,
-    TriangleTable,
+    corner_table,
     find_triangle,
     triangle_surface_point,
     triangle_table,
@@ -36,7 +36,7 @@ def tables(center, radius):
 
 def one_triangle(corners, o, d, w):
     """Return (hit?, gap, hit again by ours?, by a textbook test without offset?, with 1e-4?)."""
-    table, far = TriangleTable(corners[None], jnp.zeros(1, jnp.int32)), jnp.full((), FAR)
+    table, far = corner_table(corners[None], jnp.zeros(1, jnp.int32)), jnp.full((), FAR)
 
     def row(ray):
         return find_triangle(table, ray, far)[1]

@@ -14,7 +14,7 @@ from jaxrt.records import Ray
 from jaxrt.shapes.edges import hit_distance
 from jaxrt.shapes.triangle import (
     Triangles,
-    TriangleTable,
+    corner_table,
     find_triangle,
     sheared,
     triangle_surface_point,
@@ -30,7 +30,7 @@ U = 2.0**-24
 
 def one_ray(corners, o, d):
     """Return (distance, row, surface point); corners: (m, 3, 3)."""
-    table, ray = TriangleTable(corners, jnp.zeros(corners.shape[0], jnp.int32)), Ray(o, d)
+    table, ray = corner_table(corners, jnp.zeros(corners.shape[0], jnp.int32)), Ray(o, d)
     t, i = find_triangle(table, ray, jnp.full((), FAR))
     return t, i, triangle_surface_point(table, ray, jnp.maximum(i, 0))
 
@@ -42,7 +42,7 @@ with_epsilon = lanes(lambda o, d, corners: naive.moller_trumbore(o, d, corners, 
 
 def rows_of(mesh):
     """Return the function (o, d) -> row of the triangle hit in a mesh (m, 3, 3) that all lanes share."""
-    table = TriangleTable(jnp.asarray(mesh), jnp.zeros(len(mesh), jnp.int32))
+    table = corner_table(jnp.asarray(mesh), jnp.zeros(len(mesh), jnp.int32))
     return lanes(lambda o, d: find_triangle(table, Ray(o, d), jnp.full((), FAR))[1])
 
 
@@ -219,7 +219,7 @@ def test_t4_hits_stay_in_the_triangles_box(figures, aspect):
 
 def first_and_count(corners):
     """Return the function (o, d) -> (row of the nearest face or −1, how many faces are hit) of a mesh (m, 3, 3)."""
-    table = TriangleTable(jnp.asarray(corners), jnp.zeros(len(corners), jnp.int32))
+    table = corner_table(jnp.asarray(corners), jnp.zeros(len(corners), jnp.int32))
 
     def one(o, d):
         def hit(i, count):

@@ -18,7 +18,7 @@ from jaxrt.maths import FAR, dot, normalize
 from jaxrt.native import map_packets
 from jaxrt.path import radiance, tables_of
 from jaxrt.records import Ray
-from jaxrt.shapes.triangle import Triangles, TriangleTable, find_triangle
+from jaxrt.shapes.triangle import Triangles, corner_table, find_triangle
 from tests.lanes import lanes
 from tests.meshes import aim_at_edges, aim_at_vertices, star_mesh
 from tests.oracle import directions, triangle_distances
@@ -110,7 +110,7 @@ def rows_hit(mesh, o, d):
 def _rows(mesh, o, d):
     def one_packet(operands, k):
         mesh, o, d = operands
-        table = TriangleTable(mesh, jnp.zeros(mesh.shape[0], jnp.int32))
+        table = corner_table(mesh, jnp.zeros(mesh.shape[0], jnp.int32))
         return jax.vmap(lambda o, d: find_triangle(table, Ray(o, d), jnp.full((), FAR))[1])(o[k], d[k])
 
     return map_packets(one_packet, (mesh, o, d), jnp.arange(o.shape[0], dtype=jnp.int32)).reshape(-1)
