@@ -15,6 +15,7 @@ LARGEST = 1 << 30  # bytes
 
 
 def file_of(folder: Path, key: bytes) -> Path:
+    """Return where the program of this key is kept, whether it is there or not."""
     return folder / (hashlib.sha256(key).hexdigest()[:32] + SUFFIX)
 
 

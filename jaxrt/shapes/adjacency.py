@@ -26,12 +26,12 @@ def mesh_edges(vertices: np.ndarray, faces: np.ndarray) -> MeshEdges:
     Faces without area, to the rounding of the vertices' own dtype, count as absent. Two faces share an edge whatever
     their winding. Of three faces at one edge the third has it for itself.
     """
-    present = np.flatnonzero(_has_area(vertices[faces]))
+    present, together = np.flatnonzero(_has_area(vertices[faces])), weld(vertices)
     rows, n = faces[present], len(faces)
     # One row for each side of each face, sorted so that equal ones meet
     start, end, tip = (np.roll(rows, -k, axis=1).ravel() for k in range(3))
     face = np.repeat(present, 3)
-    a, b = (weld(vertices)[x] for x in (start, end))
+    a, b = together[start], together[end]
     key = np.minimum(a, b) * len(vertices) + np.maximum(a, b)
     order = np.argsort(key, kind="stable")
     key, start, end, tip, face = (x[order] for x in (key, start, end, tip, face))
