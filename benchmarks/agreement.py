@@ -30,7 +30,7 @@ from benchmarks.processes import (
     run_child,
     wide_console,
 )
-from jaxrt.writing import write_whole
+from jaxrt.core.writing import write_whole
 
 BLOCK = 8  # pixels: means of 8×8 pixels are near enough to normal, single pixels with fireflies are not
 MEAN_LIMIT = 4.0

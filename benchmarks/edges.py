@@ -25,7 +25,7 @@ from rich.table import Table
 
 import jaxrt
 from benchmarks.processes import HERE, cpu_model, find_peer, wide_console
-from jaxrt.writing import write_whole
+from jaxrt.core.writing import write_whole
 
 SCENE = "scenes/shadows.toml"
 SAMPLES = (1024, 4096, 16384)

@@ -11,8 +11,8 @@ import jax
 from jax.extend import core
 
 import jaxrt
-from jaxrt.film import Run
 from jaxrt.render import draw_sum, prepare
+from jaxrt.transport.film import Run
 
 Swap = tuple[Any, str, Any]  # module, name in it, what stands in its place
 Times = dict[str, list[float]]  # variant -> CPU seconds of each round

@@ -46,8 +46,8 @@ def searcher(any_hit: bool) -> Callable[..., Any]:
     import jax.numpy as jnp
     from jax import lax
 
-    from jaxrt.native import map_packets
-    from jaxrt.records import Ray
+    from jaxrt.core.records import Ray
+    from jaxrt.kernels.native import map_packets
     from jaxrt.shapes import find, occluded
 
     @jax.jit
@@ -92,7 +92,7 @@ def shadow_rays(table: Any, o: np.ndarray, d: np.ndarray) -> dict[str, np.ndarra
     import jax
     import jax.numpy as jnp
 
-    from jaxrt.records import Hit, Ray
+    from jaxrt.core.records import Hit, Ray
     from jaxrt.shapes import leave, surface_point
 
     hit = searcher(False)(table, o, d, np.ones(len(o), np.float32))
@@ -138,7 +138,7 @@ def run_time(options: argparse.Namespace) -> dict[str, Any]:
     """Return the median Mrays per CPU second of `repeat` calls, and the share that hits, of each kind and search."""
     import jax
 
-    from jaxrt.shapes import packet, walk
+    from jaxrt.shapes.search import packet, walk
 
     if options.test == "moller-trumbore":
         packet.hit_distance = walk.hit_distance = moller_trumbore.hit_distance

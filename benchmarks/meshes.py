@@ -23,7 +23,7 @@ from rich.table import Table
 
 from benchmarks.mesh_rays import KINDS
 from benchmarks.processes import HERE, cpu_model, find_peer, ratio_text, report_of, run_child, wide_console
-from jaxrt.writing import write_text, write_whole
+from jaxrt.core.writing import write_text, write_whole
 
 TESTS = ("watertight", "moller-trumbore")
 PICTURE = 5  # subdivisions of the mesh of whole pictures

@@ -21,7 +21,7 @@ from benchmarks.jaxrt_side import use_cores
 from benchmarks.ladder import LADDER, build, count, forced, program
 from benchmarks.meshes import markdown, versions
 from benchmarks.processes import cpu_model
-from jaxrt.writing import write_text, write_whole
+from jaxrt.core.writing import write_text, write_whole
 
 SIZE, SPP, DEPTH = 128, 16, 4
 RUNGS = [name for name in LADDER if name != "no light"]

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from jaxrt.color import gamma_encode
+from jaxrt.io.color import gamma_encode
 
 BEGIN = time.perf_counter()
 

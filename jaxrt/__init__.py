@@ -6,13 +6,13 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from jaxrt.core.messages import SceneError, SceneWarning
     from jaxrt.gradcheck import gradcheck
     from jaxrt.io import load_image, load_mesh, load_scene, save_image
-    from jaxrt.jacobian import jacobian_once
-    from jaxrt.messages import SceneError, SceneWarning
-    from jaxrt.parameters import parameters, with_parameters
+    from jaxrt.kernels.jacobian import jacobian_once
     from jaxrt.render import render, use_cpu_cores
     from jaxrt.scene import Scene, build
+    from jaxrt.scene.parameters import parameters, with_parameters
 
 __all__ = [
     "Scene",
@@ -35,9 +35,9 @@ __all__ = [
 _HOMES = {
     "gradcheck": ("gradcheck",),
     "io": ("load_image", "load_mesh", "load_scene", "save_image"),
-    "jacobian": ("jacobian_once",),
-    "messages": ("SceneError", "SceneWarning"),
-    "parameters": ("parameters", "with_parameters"),
+    "kernels.jacobian": ("jacobian_once",),
+    "core.messages": ("SceneError", "SceneWarning"),
+    "scene.parameters": ("parameters", "with_parameters"),
     "render": ("render", "use_cpu_cores"),
     "scene": ("Scene", "build"),
 }

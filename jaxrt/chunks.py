@@ -10,8 +10,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxrt.film import BLOCK
-from jaxrt.partial import Partial
+from jaxrt.io.partial import Partial
+from jaxrt.transport.film import BLOCK
 
 CHUNK_SECONDS = 0.5  # between two steps of the progress bar, more for long runs
 CHUNKS = 20  # about as many steps a run

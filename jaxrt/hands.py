@@ -14,10 +14,10 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxrt.film import Plan, Run, joined, shares_of
 from jaxrt.programs import load_or_compile
 from jaxrt.render import scene_tables
 from jaxrt.scene import Scene
+from jaxrt.transport.film import Plan, Run, joined, shares_of
 
 
 def painter(

@@ -11,14 +11,14 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxrt import boundary
-from jaxrt.edges import moving_edges
-from jaxrt.film import Plan, Run
-from jaxrt.interior import draw
-from jaxrt.messages import nearest, show
-from jaxrt.native import as_operand, default_devices, everywhere, local
-from jaxrt.path import Tables, tables_of
-from jaxrt.samplers import SAMPLERS, seed_from_key
+from jaxrt.boundary.tangent import moving_edges
+from jaxrt.core.messages import nearest, show
+from jaxrt.core.samplers import SAMPLERS, seed_from_key
+from jaxrt.kernels.native import as_operand, default_devices, everywhere, local
 from jaxrt.scene import Scene, check_scene, drawn
+from jaxrt.transport.film import Plan, Run
+from jaxrt.transport.interior import draw
+from jaxrt.transport.path import Tables, tables_of
 
 CPU_TILE = (16, 8)  # pixels of a packet on a CPU: its values stay in the first-level cache
 WIDE_TILE = (512, 128)  # on accelerators, which want many lanes at once

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxrt.native import map_packets
+from jaxrt.kernels.native import map_packets
 
 
 def lanes(f: Callable[..., Any], packet: int = 64) -> Callable[..., Any]:

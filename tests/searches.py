@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxrt.native import map_packets
-from jaxrt.records import Ray
+from jaxrt.core.records import Ray
+from jaxrt.kernels.native import map_packets
 from jaxrt.shapes import Topology
-from jaxrt.shapes.bvh import exact_topology
+from jaxrt.shapes.search.bvh import exact_topology
 from jaxrt.shapes.triangle import Triangles, find_triangle, occluded_by_triangle, triangle_table
 from tests.oracle import unit_vectors
 

@@ -1,31 +1,33 @@
-"""Imports point down: a module imports only from lower layers, or from its own package."""
+"""The house: imports point down, floors are where docs say, rooms and files stay small."""
 
 import ast
 from pathlib import Path
 
 import pytest
 
-LAYERS = [
-    {"messages", "internals", "pytree", "native", "batches", "linear", "sealed", "gather", "jacobian", "writing"},
-    {"maths", "sampling", "samplers", "color", "description", "mesh_facts", "mesh_pairs", "box_tree", "memory"},
-    {"records", "checks"},
-    {"shapes"},
-    {"materials", "lights", "camera"},
+# From the ground up. A room is a folder of jaxrt/, or a file there; it imports from lower floors and from itself
+FLOORS = [
+    {"core"},
+    {"kernels"},
+    {"description"},
+    {"shapes", "materials", "lights", "cameras"},
     {"scene"},
-    {"parameters", "path"},
-    {"film", "boundary"},
-    {"interior", "edges"},
+    {"transport", "io"},
+    {"boundary"},
     {"render"},
-    {"io", "summary", "programs", "partial", "selectors"},
-    {"chunks"},
-    {"gradcheck", "hands"},
+    {"programs", "chunks"},
+    {"hands"},
+    {"gradcheck"},
     {"fit"},
     {"cli"},
     {"__init__", "__main__"},
 ]
-ROOMS = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}
+ROOMS = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 PACKAGE = Path("jaxrt")
 MODULES = sorted(PACKAGE.rglob("*.py"))
+FULL = 12  # files that a folder holds at most
+FORMATS = PACKAGE / "io" / "meshes"  # one file a format, and what they share
+LONGEST = 60  # lines of a function, its docstring apart
 
 
 def room_of(module: Path) -> str:
@@ -33,41 +35,55 @@ def room_of(module: Path) -> str:
 
 
 def imports_of(module: Path) -> set[str]:
-    """Return the rooms that a module imports from, lazy imports included, type-only ones not."""
-    rooms = set()
+    """Return the modules of jaxrt that a module imports from, lazy imports included, type-only ones not."""
+    found = set()
     tree = ast.parse(module.read_text())
     typing_only = [n for n in ast.walk(tree) if isinstance(n, ast.If) and "TYPE_CHECKING" in ast.dump(n.test)]
     skipped = {id(n) for block in typing_only for n in ast.walk(block)}
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and id(node) not in skipped:
             assert node.level == 0, f"{module}:{node.lineno}: relative import; write jaxrt.…"
-            if node.module and node.module.startswith("jaxrt."):
-                rooms.add(node.module.split(".")[1])
-    return rooms
+            if node.module and f"{node.module}.".startswith("jaxrt."):
+                home = node.module.removeprefix("jaxrt").removeprefix(".")
+                found |= {_module_of(home, alias.name) for alias in node.names}
+    return found
+
+
+def _module_of(home: str, name: str) -> str:
+    """Return the module that `from jaxrt.HOME import NAME` needs: NAME itself where that is one."""
+    inner = f"{home}.{name}".removeprefix(".")
+    path = PACKAGE / inner.replace(".", "/")
+    return inner if path.is_dir() or path.with_suffix(".py").exists() else home
 
 
 @pytest.mark.parametrize("module", MODULES, ids=str)
 def test_imports_point_down(module: Path) -> None:
     room = room_of(module)
-    assert room in ROOMS, f"{module}: name its layer in LAYERS"
-    if room == "cli":  # the program sees everything
-        return
-    same_layer = LAYERS[0] | LAYERS[1]  # foundations may use each other
-    for other in imports_of(module) - {room}:
-        below = ROOMS[other] < ROOMS[room] or {room, other} <= same_layer
-        assert below, f"{module}: imports jaxrt.{other}, which is not in a lower layer"
+    assert room in ROOMS, f"{module}: name its floor in FLOORS"
+    for other in {name.split(".")[0] for name in imports_of(module)} - {room}:
+        assert other in ROOMS, f"{module}: imports jaxrt.{other}, which is no room"
+        assert ROOMS[other] < ROOMS[room], f"{module}: imports jaxrt.{other}, which is not on a lower floor"
 
 
-def test_foundations_have_no_cycle() -> None:
-    edges = {room_of(m): imports_of(m) for m in MODULES if room_of(m) in LAYERS[0] | LAYERS[1]}
+def test_modules_have_no_cycle() -> None:
+    names = {".".join(m.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__"): m for m in MODULES}
+    edges = {name: imports_of(module) & names.keys() for name, module in names.items()}
+    done: set[str] = set()
 
-    def reach(room: str, seen: frozenset[str]) -> None:
-        assert room not in seen, f"import cycle through jaxrt.{room}"
-        for other in edges.get(room, set()):
-            reach(other, seen | {room})
+    def reach(name: str, above: tuple[str, ...]) -> None:
+        assert name not in above, f"import cycle: {' -> '.join((*above, name))}"
+        if name not in done:
+            for other in edges[name]:
+                reach(other, (*above, name))
+            done.add(name)
 
-    for room in edges:
-        reach(room, frozenset())
+    for name in names:
+        reach(name, ())
+
+
+@pytest.mark.parametrize("folder", sorted({module.parent for module in MODULES} - {FORMATS}), ids=str)
+def test_no_folder_is_crowded(folder: Path) -> None:
+    assert len(list(folder.glob("*.py"))) <= FULL, f"{folder}: part it"
 
 
 # A probe, lanes of pixels, lanes of edge samples, rays of one packet, arguments of a linear function
@@ -83,3 +99,12 @@ def test_code_is_written_for_one_ray(module: Path) -> None:
 @pytest.mark.parametrize("module", MODULES, ids=str)
 def test_files_stay_small(module: Path) -> None:
     assert len(module.read_text().splitlines()) <= 400, f"{module}: split it"
+
+
+@pytest.mark.parametrize("module", MODULES, ids=str)
+def test_functions_stay_short(module: Path) -> None:
+    for node in ast.walk(ast.parse(module.read_text())):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            first = node.body[1] if ast.get_docstring(node) and len(node.body) > 1 else node.body[0]
+            length = (node.end_lineno or 0) - first.lineno + 1
+            assert length <= LONGEST, f"{module}: {node.name} has {length} lines: part it"

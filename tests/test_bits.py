@@ -15,10 +15,10 @@ from command import BALL
 
 import jaxrt
 from jaxrt import chunks
-from jaxrt.film import BLOCK, SHARES, Plan, joined, shares_of
 from jaxrt.hands import painter
-from jaxrt.partial import Partial, read_partial
+from jaxrt.io.partial import Partial, read_partial
 from jaxrt.render import prepare
+from jaxrt.transport.film import BLOCK, SHARES, Plan, joined, shares_of
 
 ROOT = Path(__file__).parents[1]
 SPP = 23

@@ -16,7 +16,7 @@ from edge_scenes import AXES, bumps, cells, corner_room, finite_difference, move
 
 import jaxrt
 from jaxrt.boundary import clearance_of, edge_tangent, sample_edges, splat
-from jaxrt.sealed import sealed
+from jaxrt.kernels.sealed import sealed
 from jaxrt.shapes import mesh_edges
 
 X, Y, Z = AXES

@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from jaxrt.shapes import bvh
+from jaxrt.shapes.search import bvh
 
 
 def children_of(tree, node, kept):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxrt
-from jaxrt.camera import Camera, camera_frame, camera_ray
+from jaxrt.cameras import Camera, camera_frame, camera_ray
 
 
 def camera(position=(0, 0, 0), target=(0, 0, -1), up=(0, 1, 0), fov=60.0, width=6, height=4):

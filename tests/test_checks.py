@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from jaxrt.checks import warnings_of
 from jaxrt.description import parse_description
+from jaxrt.description.mesh_facts import count_edges, weld_near, winding_number, winding_numbers
 from jaxrt.io.scene_file import read_description
-from jaxrt.mesh_facts import count_edges, weld_near, winding_number, winding_numbers
+from jaxrt.scene.checks import warnings_of
 
 CAMERA = {"position": [0.3, 0.7, 9], "width": 16, "height": 16, "fov": 40}
 LAMP = {"position": [2, 7, 8], "intensity": 90, "radius": 0.2}
@@ -202,9 +202,9 @@ def test_f10_rounded_flat_parts_do_not_coincide():
 def test_f10_a_million_faces_are_compared_within_a_bound(monkeypatch):
     """Two coincident meshes have a pair found at once, and what is looked at ends."""
     seen = []
-    monkeypatch.setattr("jaxrt.mesh_pairs.PAIRS", 10_000)
+    monkeypatch.setattr("jaxrt.description.mesh_pairs.PAIRS", 10_000)
     monkeypatch.setattr(
-        "jaxrt.mesh_pairs._coincide", lambda c, n, h, a, b: (seen.append(len(a)), np.zeros(len(a), bool))[1]
+        "jaxrt.description.mesh_pairs._coincide", lambda c, n, h, a, b: (seen.append(len(a)), np.zeros(len(a), bool))[1]
     )
     fine = trimesh.creation.icosphere(6)
     assert warned(mesh(fine), mesh(fine)) == []
@@ -225,7 +225,7 @@ def test_l8_many_points_are_told_inside_from_outside_as_one_is():
 
 def test_l8_a_thousand_lights_look_at_few_faces(monkeypatch):
     """Of 80,000 faces: by each light's row, some hundred boxes and faces, not all."""
-    from jaxrt import mesh_facts
+    from jaxrt.description import mesh_facts
 
     seen, exact = [], mesh_facts.triangle_distances
     monkeypatch.setattr(mesh_facts, "triangle_distances", lambda p, c: (seen.append(len(c)), exact(p, c))[1])

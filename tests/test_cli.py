@@ -13,13 +13,14 @@ from command import BALL, run, working_folder
 from jax.stages import Compiled
 
 import jaxrt
-from jaxrt import chunks, cli, programs, summary
-from jaxrt.cli import progress, render, start
-from jaxrt.film import BLOCK
+from jaxrt import chunks, cli, programs
+from jaxrt.cli import progress, start
+from jaxrt.cli.commands import render, summary
 from jaxrt.io.image import load_image, save_image
+from jaxrt.io.partial import Partial
 from jaxrt.io.scene_file import read_description
-from jaxrt.partial import Partial
 from jaxrt.render import Run
+from jaxrt.transport.film import BLOCK
 
 ROOT = Path(__file__).parents[1]
 
@@ -227,7 +228,7 @@ def test_outputs_that_cannot_be_written_are_refused_before_rendering(folder, cap
     assert "is not writable: choose another" in refused(capsys, folder, "render", "ball.toml", "-o", "b.png")
 
 
-@pytest.mark.parametrize("moment", ["jaxrt.cli.render.painter", "jaxrt.cli.render.built"])
+@pytest.mark.parametrize("moment", ["jaxrt.cli.commands.render.painter", "jaxrt.cli.commands.render.built"])
 def test_ctrl_c_before_there_is_anything_leaves_nothing(folder, capsys, monkeypatch, moment):
     def interrupt(*arguments):
         raise KeyboardInterrupt

@@ -8,7 +8,7 @@ import pytest
 import jaxrt
 from jaxrt.gradcheck.coverage import coverage
 from jaxrt.gradcheck.steps import default_step
-from jaxrt.selectors import select
+from jaxrt.scene.selectors import select
 
 MATERIALS = {
     "silver": {"type": "mirror", "albedo": [0.9, 0.9, 0.9]},

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import jaxrt
-from jaxrt import interior
-from jaxrt.gather import take
+from jaxrt.kernels.gather import take
+from jaxrt.transport import interior
 
 ONE = tuple(jax.devices()[:1])
 

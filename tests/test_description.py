@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from jaxrt.checks import check_memory, warnings_of
 from jaxrt.description import Diffuse, Glass, Mirror, SceneDescription, SceneError, nearest, parse_description
+from jaxrt.scene.checks import check_memory, warnings_of
 
 GOOD = {
     "camera": {"position": [0, 0, 55]},
@@ -331,5 +331,5 @@ def test_i12_an_image_larger_than_memory_is_refused():
 
 
 def test_memory_is_not_judged_where_the_system_does_not_tell(monkeypatch):
-    monkeypatch.setattr("jaxrt.memory.limits", lambda: iter(()))
+    monkeypatch.setattr("jaxrt.scene.memory.limits", lambda: iter(()))
     check_memory(10**9, 10**9)

@@ -15,10 +15,10 @@ import pytest
 import trimesh
 
 import jaxrt
-from jaxrt.checks import warnings_of
 from jaxrt.io import read_description
 from jaxrt.io.files import MESH_BYTES
 from jaxrt.io.meshes.polygons import Polygons, triangulate
+from jaxrt.scene.checks import warnings_of
 
 FOLDER = Path(__file__).parent / "files"
 EXPECTED = tomllib.loads((FOLDER / "expected.toml").read_text())

@@ -23,7 +23,7 @@ from jaxrt import cli
 from jaxrt.fit import Fit, FitError, Machine, Problem, Progress, fit, standard_errors, unknowns_of
 from jaxrt.fit.files import load_target, read_progress, write_scene
 from jaxrt.io.scene_file import read_description
-from jaxrt.selectors import parse_selector
+from jaxrt.scene.selectors import parse_selector
 
 ROOT = Path(__file__).parent.parent
 SIZE, SPP = 32, 16

@@ -25,10 +25,10 @@ from benchmarks.fuzz.__main__ import read_scene, read_target, report_reader
 from benchmarks.fuzz.judge import Case, Hang, judge, traps
 from benchmarks.fuzz.judge import run as judged
 from benchmarks.fuzz.values import BOX as BOX_OBJ
-from jaxrt.checks import warnings_of
 from jaxrt.cli import main
+from jaxrt.cli.commands.summary import print_summary
 from jaxrt.description import SceneError, parse_description
-from jaxrt.summary import print_summary
+from jaxrt.scene.checks import warnings_of
 from tests import meshes
 
 FIXED = {"deadline": None, "derandomize": True, "database": None}

@@ -14,7 +14,7 @@ from jaxrt.gradcheck.coverage import coverage
 from jaxrt.gradcheck.functionals import functionals, loss_slope
 from jaxrt.gradcheck.report import compare
 from jaxrt.io.image import load_image
-from jaxrt.selectors import parse_selector, select
+from jaxrt.scene.selectors import parse_selector, select
 
 SCENE = {
     "camera": {"position": [0, 0, 9], "width": 16, "height": 12, "fov": 40},

@@ -16,13 +16,13 @@ from command import BALL, run, working_folder
 from PIL import Image
 
 import jaxrt
+from jaxrt.core.messages import SceneError, nearest, show
 from jaxrt.fit import FitError, unknowns_of
 from jaxrt.fit.files import read_progress
 from jaxrt.io.files import read_bytes
 from jaxrt.io.folders import named_file
 from jaxrt.io.image import load_image, save_image
-from jaxrt.messages import SceneError, nearest, show
-from jaxrt.selectors import parse_selector
+from jaxrt.scene.selectors import parse_selector
 
 
 @contextmanager

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from jax import Array
 
-from jaxrt import internals
+from jaxrt.kernels import internals
 
 ROOT = Path(__file__).parents[1]
 

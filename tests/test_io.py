@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 import jaxrt
-from jaxrt import color
 from jaxrt.description import SceneError
+from jaxrt.io import color
 from jaxrt.io.image import load_image, save_image
 from jaxrt.io.scene_file import read_description
 
@@ -114,7 +114,7 @@ def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(tmp_path, suf
     def interrupt(source, target):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("jaxrt.writing.os.replace", interrupt)
+    monkeypatch.setattr("jaxrt.core.writing.os.replace", interrupt)
     with pytest.raises(KeyboardInterrupt):
         save_image(path, picture(seed=1))
     assert path.read_bytes() == before

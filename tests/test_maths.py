@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrt import maths
+from jaxrt.core import maths
 
 U = 2.0**-24
 

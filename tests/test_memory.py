@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from jaxrt import memory
 from jaxrt.description import SceneError
+from jaxrt.scene import memory
 
 GIB = 2**30
 
@@ -68,7 +68,7 @@ def test_l9_ulimit_counts_less_what_is_taken():
     pytest.importorskip("resource")
     code = """if True:
         import resource
-        from jaxrt.memory import check_memory
+        from jaxrt.scene.memory import check_memory
         taken = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (taken + (1 << 30), resource.RLIM_INFINITY))
         check_memory(1000, 1000)

@@ -8,9 +8,16 @@ import pytest
 import trimesh
 
 import jaxrt
-from jaxrt.checks import warnings_of
 from jaxrt.description import parse_description
-from jaxrt.mesh_facts import count_edges, nearest_distances, signed_volume, triangle_distances, weld, winding_number
+from jaxrt.description.mesh_facts import (
+    count_edges,
+    nearest_distances,
+    signed_volume,
+    triangle_distances,
+    weld,
+    winding_number,
+)
+from jaxrt.scene.checks import warnings_of
 
 CAMERA = {"position": [0, 0, 5], "width": 16, "height": 16, "fov": 40}
 LIGHT = {"position": [2, 4, 5], "intensity": 90, "radius": 0.2}

@@ -10,7 +10,7 @@ import pytest
 from jax import Array, lax
 
 import jaxrt
-from jaxrt.native import LARGE, fold_packets, map_packets, once
+from jaxrt.kernels.native import LARGE, fold_packets, map_packets, once
 
 pytestmark = pytest.mark.quick
 

@@ -13,7 +13,7 @@ from command import BALL, run, working_folder
 
 import jaxrt
 from jaxrt.cli import main, start
-from jaxrt.messages import SceneError
+from jaxrt.core.messages import SceneError
 from jaxrt.render import render_sum
 
 
@@ -58,7 +58,7 @@ def test_l7_whatever_ends_a_command_is_one_line(tmp_path, monkeypatch, capsys, e
     def fail(*arguments):
         raise error
 
-    monkeypatch.setattr("jaxrt.cli.info.read_description", fail)
+    monkeypatch.setattr("jaxrt.cli.commands.info.read_description", fail)
     found, out, err = run(capsys, "info", "ball.toml")
     assert (found, out) == (status, "") and err.startswith(f"jaxrt: error: {line}") and err.count("\n") == 1
     monkeypatch.setenv("JAXRT_TRACEBACK", "1")
@@ -109,7 +109,12 @@ def test_s8_names_neither_draw_on_the_terminal_nor_break_lines(tmp_path, monkeyp
 
 
 def test_s9_what_is_no_scene_is_refused_in_one_line():
-    for use in (lambda x: jaxrt.render(x, 0), jaxrt.parameters, lambda x: jaxrt.with_parameters(x, {}), jaxrt.build):
+    for use in (
+        lambda x: jaxrt.render(x, 0),
+        jaxrt.parameters,
+        lambda x: jaxrt.with_parameters(x, {}),
+        jaxrt.build,
+    ):
         with pytest.raises(SceneError, match=r'"a\.toml" .*jaxrt\.load_scene') as told:
             use("a.toml")
         assert isinstance(told.value, TypeError) and str(told.value).isprintable()

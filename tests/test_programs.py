@@ -17,13 +17,13 @@ import pytest
 import jaxrt
 from jaxrt import programs
 from jaxrt.cli import start
-from jaxrt.interior import sum_share
 from jaxrt.programs import KEPT, is_kept, load_or_compile
 from jaxrt.programs import key as key_module
 from jaxrt.programs.kept import MAGIC, file_of, read_program, write_program
 from jaxrt.programs.private import NotPrivate, private_folder
 from jaxrt.programs.trial import on_trial
 from jaxrt.render import prepare, scene_tables
+from jaxrt.transport.interior import sum_share
 
 pytestmark = pytest.mark.quick
 
@@ -391,7 +391,7 @@ def test_a_full_disk_keeps_nothing_and_draws_all_the_same(kept: Kept, monkeypatc
 
     kept.file.unlink()
     with monkeypatch.context() as context:
-        context.setattr("jaxrt.writing.os.replace", full)
+        context.setattr("jaxrt.core.writing.os.replace", full)
         kept.draw()
     assert list(kept.folder.iterdir()) == []
     kept.draw()

@@ -17,10 +17,10 @@ from command import BALL, run, working_folder
 import jaxrt
 from jaxrt import chunks
 from jaxrt.cli import progress, signals, streams
-from jaxrt.cli import render as command
-from jaxrt.film import BLOCK
+from jaxrt.cli.commands import render as command
 from jaxrt.io.image import load_image
-from jaxrt.partial import Partial, read_partial
+from jaxrt.io.partial import Partial, read_partial
+from jaxrt.transport.film import BLOCK
 
 ROOT = Path(__file__).parents[1]
 SPP = 38  # nine blocks and a half
@@ -257,7 +257,7 @@ def test_l4_an_interruption_on_a_full_disk_names_where_both_files_are(folder, ca
         os.rename(part, path)
 
     with monkeypatch.context() as patch:
-        patch.setattr("jaxrt.writing.os.replace", full)
+        patch.setattr("jaxrt.core.writing.os.replace", full)
         strike(patch, 2, raising(KeyboardInterrupt()))
         status, _, err = render(capsys)
     assert status == 130 and "ball.exr: No space left on device: written to " in err
@@ -272,7 +272,7 @@ def test_l4_no_place_at_all_is_refused(folder, capsys, monkeypatch):
     def full(part, path):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("jaxrt.writing.os.replace", full)
+    monkeypatch.setattr("jaxrt.core.writing.os.replace", full)
     monkeypatch.setenv("HOME", str(folder.parent / "elsewhere"))
     status, out, err = render(capsys)
     assert (status, out) == (2, "") and "ball.exr: No space left on device, and no room for the picture" in err
@@ -285,7 +285,7 @@ def test_l4_a_checkpoint_that_does_not_fit_does_not_end_the_render(folder, capsy
         os.rename(part, path)
 
     monkeypatch.setenv("JAXRT_CHECKPOINT_SECONDS", "0")
-    monkeypatch.setattr("jaxrt.writing.os.replace", full)
+    monkeypatch.setattr("jaxrt.core.writing.os.replace", full)
     status, _, err = render(capsys)
     assert status == 0 and f"{SIDE}: No space left on device: drawing on, make room" in err
     assert (folder / "ball.exr").read_bytes() == whole

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrt.native import map_packets
-from jaxrt.samplers import SAMPLERS, Stream, seed_from_key, strata
+from jaxrt.core.samplers import SAMPLERS, Stream, seed_from_key, strata
+from jaxrt.kernels.native import map_packets
 
 AXES = Stream(0, 0, 0, None)
 

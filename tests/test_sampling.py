@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jaxrt import sampling
+from jaxrt.core import sampling
 
 AXES = {
     "up": (0.0, 0.0, 1.0),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jax import Array, lax
 
-from jaxrt.sealed import sealed
+from jaxrt.kernels.sealed import sealed
 
 pytestmark = pytest.mark.quick
 

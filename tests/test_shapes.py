@@ -4,8 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrt.maths import FAR
-from jaxrt.records import Ray, SurfacePoint
+from jaxrt.core.maths import FAR
+from jaxrt.core.records import Ray, SurfacePoint
 from jaxrt.shapes import Spheres, Triangles, find, geometry_of, leave, occluded, surface_point
 from tests.lanes import lanes
 from tests.oracle import directions, dot, sphere_distances, triangle_distances, unit_vectors

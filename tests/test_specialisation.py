@@ -76,14 +76,14 @@ OWNERS = {
     "materials/mirror.py": {"mirror", "glass", "everything"},  # glass reflects too
     "materials/glass.py": {"glass", "everything"},
     "shapes/triangle.py": TRIANGLES,
-    "shapes/boxes.py": MESHES,
-    "shapes/traverse.py": MESHES,
+    "shapes/search/boxes.py": MESHES,
+    "shapes/search/traverse.py": MESHES,
     "shapes/smooth.py": {"smooth mesh", "everything"},
-    "lights.py:emitted_radiance": {"sphere light", "everything"},
-    "sampling.py:sample_cone": {"sphere light", "everything"},
-    "lights.py:_pick_light": {"two lights", "everything"},
-    "lights.py:sample_light": set(LADDER) - {"no light"},
-    "path.py:_direct": set(LADDER) - {"no light"},
+    "lights/__init__.py:emitted_radiance": {"sphere light", "everything"},
+    "core/sampling.py:sample_cone": {"sphere light", "everything"},
+    "lights/__init__.py:_pick_light": {"two lights", "everything"},
+    "lights/__init__.py:sample_light": set(LADDER) - {"no light"},
+    "transport/path.py:_direct": set(LADDER) - {"no light"},
 }
 
 

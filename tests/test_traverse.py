@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import jaxrt
-from jaxrt.maths import FAR
-from jaxrt.records import Ray
+from jaxrt.core.maths import FAR
+from jaxrt.core.records import Ray
 from jaxrt.shapes import Spheres, Triangles, find, geometry_of, occluded, topology_of
 from jaxrt.shapes.triangle import find_triangle, occluded_by_triangle, triangle_table
 from tests import meshes

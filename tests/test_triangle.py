@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxrt.maths import FAR
-from jaxrt.records import Ray
+from jaxrt.core.maths import FAR
+from jaxrt.core.records import Ray
 from jaxrt.shapes import triangle
 from jaxrt.shapes.edges import main_axis
 from tests.lanes import lanes

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import jaxrt
-from jaxrt.maths import FAR
-from jaxrt.records import Ray
+from jaxrt.core.maths import FAR
+from jaxrt.core.records import Ray
 from jaxrt.shapes import Triangles, leave
 from jaxrt.shapes.triangle import corner_table, find_triangle, triangle_surface_point, triangle_table
 from tests.lanes import lanes

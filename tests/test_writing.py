@@ -17,9 +17,9 @@ import pytest
 from jaxrt import cli
 from jaxrt.cli.errors import UsageError
 from jaxrt.cli.start import check_output
+from jaxrt.core.writing import write_whole
 from jaxrt.fit.files import Target, draw_before_after, draw_losses, write_report
 from jaxrt.io.image import load_image, save_image
-from jaxrt.writing import write_whole
 from tests.command import run, working_folder
 
 PICTURE = np.linspace(0, 1, 40 * 30 * 3, dtype=np.float32).reshape(30, 40, 3)
@@ -84,7 +84,7 @@ def test_l3_a_disk_that_fails_at_last_is_told(tmp_path: Path, monkeypatch: pytes
     def fail(descriptor: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("jaxrt.writing.os.fsync", fail)
+    monkeypatch.setattr("jaxrt.core.writing.os.fsync", fail)
     with pytest.raises(OSError, match="No space left on device: .*a.png"):
         save_image(tmp_path / "a.png", PICTURE)
     assert list(tmp_path.iterdir()) == []
@@ -134,7 +134,7 @@ def test_l3_threads_that_write_one_path_leave_one_whole_file(tmp_path: Path, suf
 
 def test_l3_parts_of_dead_processes_are_swept_and_those_of_live_ones_are_not(tmp_path: Path) -> None:
     code = (
-        "import sys, time; from pathlib import Path; from jaxrt.writing import write_whole\n"
+        "import sys, time; from pathlib import Path; from jaxrt.core.writing import write_whole\n"
         "def write(file):\n    file.write(b'half'); file.flush(); print('writing', flush=True); time.sleep(600)\n"
         "write_whole(Path('a.png'), write)"
     )
@@ -237,7 +237,7 @@ def test_l3_content_and_name_reach_the_disk_in_this_order(tmp_path: Path, monkey
         done.append("name")
         replace(source, target)
 
-    monkeypatch.setattr("jaxrt.writing.os.fsync", synced)
-    monkeypatch.setattr("jaxrt.writing.os.replace", renamed)
+    monkeypatch.setattr("jaxrt.core.writing.os.fsync", synced)
+    monkeypatch.setattr("jaxrt.core.writing.os.replace", renamed)
     save_image(tmp_path / "a.png", PICTURE)
     assert done == ["file", "name", "folder"]

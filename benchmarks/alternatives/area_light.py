@@ -3,11 +3,11 @@
 import jax.numpy as jnp
 from jax import Array
 
-from jaxrt.gather import take
+from jaxrt.core.maths import dot, normalize, safe_divide, safe_sqrt, unit_roundoff
+from jaxrt.core.records import LightSample
+from jaxrt.core.sampling import sample_uniform_sphere
+from jaxrt.kernels.gather import take
 from jaxrt.lights import LightTable, _pick_light
-from jaxrt.maths import dot, normalize, safe_divide, safe_sqrt, unit_roundoff
-from jaxrt.records import LightSample
-from jaxrt.sampling import sample_uniform_sphere
 
 
 def sample_light(table: LightTable, point: Array, u: tuple[Array, Array]) -> LightSample:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.records import Ray
+from jaxrt.core.records import Ray
 from jaxrt.shapes.triangle import TriangleTable, find_triangle, occluded_by_triangle
 
 TINY = 1e-20  # least size of a direction component, for its reciprocal alone

@@ -11,16 +11,16 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.camera import camera_ray
-from jaxrt.film import Plan, Run, draw_packets
+from jaxrt.cameras import camera_ray
+from jaxrt.core.maths import kahan_add
+from jaxrt.core.records import Hit, Ray
+from jaxrt.core.samplers import SAMPLERS, Stream
+from jaxrt.kernels.native import once
 from jaxrt.lights import emitted_radiance
-from jaxrt.maths import kahan_add
-from jaxrt.native import once
-from jaxrt.path import Numbers, Tables, Walk, event_at, tables_of
-from jaxrt.records import Hit, Ray
-from jaxrt.samplers import SAMPLERS, Stream
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, surface_point
+from jaxrt.transport.film import Plan, Run, draw_packets
+from jaxrt.transport.path import Numbers, Tables, Walk, event_at, tables_of
 
 
 def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
@@ -34,7 +34,7 @@ def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
 
 
 def radiance_by_chance(tables: Tables, ray: Ray, numbers: Numbers, max_depth: int) -> Array:
-    """Return the radiance (3,) along a camera ray; arguments as for `jaxrt.path.radiance`."""
+    """Return the radiance (3,) along a camera ray; arguments as for `jaxrt.transport.path.radiance`."""
     unlit = replace(tables, lights=None)
     ones = jnp.ones_like(ray.origin)
 

@@ -7,8 +7,8 @@ from unittest.mock import patch
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.shapes import walk
-from jaxrt.shapes.boxes import Tree
+from jaxrt.shapes.search import walk
+from jaxrt.shapes.search.boxes import Tree
 
 State = tuple[walk._State, Array, Array]
 Change = Callable[[walk._State], walk._State]

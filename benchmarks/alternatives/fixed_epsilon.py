@@ -2,8 +2,8 @@
 
 from jax import Array
 
-from jaxrt.maths import dot, sign_or_one
-from jaxrt.records import Ray, SurfacePoint
+from jaxrt.core.maths import dot, sign_or_one
+from jaxrt.core.records import Ray, SurfacePoint
 
 EPSILON = 1e-4  # scene units, as many a renderer has it
 

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jax import Array
 
-from jaxrt.maths import FAR
+from jaxrt.core.maths import FAR
 from jaxrt.shapes.edges import Corner
 
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxrt.shapes import bvh
+from jaxrt.shapes.search import bvh
 
 
 def narrow_topology(vertices: np.ndarray, faces: np.ndarray, width: int) -> bvh.Topology:

@@ -3,8 +3,8 @@
 import jax.numpy as jnp
 from jax import Array
 
-from jaxrt.maths import FAR, dot, safe_sqrt
-from jaxrt.records import Ray
+from jaxrt.core.maths import FAR, dot, safe_sqrt
+from jaxrt.core.records import Ray
 from jaxrt.shapes.sphere import Row
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxrt.writing import write_text
+from jaxrt.core.writing import write_text
 
 FIELDS = ("method", "spp", "images", "cpu_seconds", "error", "low", "high", "pareto")
 

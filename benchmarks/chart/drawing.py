@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import matplotlib
 
-from jaxrt.writing import write_whole
+from jaxrt.core.writing import write_whole
 
 matplotlib.use("agg")
 

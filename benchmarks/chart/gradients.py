@@ -18,7 +18,7 @@ from benchmarks.clock import cpu_seconds
 from benchmarks.edges import bumps
 from benchmarks.samplers import Reference
 from jaxrt import boundary
-from jaxrt.edges import moving_edges
+from jaxrt.boundary.tangent import moving_edges
 from jaxrt.render import draw_sum, prepare
 
 AXIS = 0

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.samplers import REFERENCE_SEED, Reference
-from jaxrt.writing import write_whole
+from jaxrt.core.writing import write_whole
 
 
 def cache_folder() -> Path:

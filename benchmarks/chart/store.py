@@ -7,7 +7,7 @@ from benchmarks.chart.curves import read_csv, write_csv
 from benchmarks.chart.drawing import draw_chart
 from benchmarks.chart.page import CHARTS, Found, page_of
 from benchmarks.chart.studies import Study
-from jaxrt.writing import write_text
+from jaxrt.core.writing import write_text
 
 
 def save(folder: Path, name: str, study: Study, told: dict[str, str]) -> None:

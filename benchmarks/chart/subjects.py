@@ -12,9 +12,9 @@ import numpy as np
 
 import jaxrt
 from benchmarks.clock import cpu_seconds
-from jaxrt.film import Plan, Run
 from jaxrt.io import read_description
 from jaxrt.render import draw_sum, prepare
+from jaxrt.transport.film import Plan, Run
 
 Drawn = dict[int, tuple[np.ndarray, float]]  # spp -> image (H, W, 3) float64 and the CPU seconds it took
 Draw = Callable[[int, Sequence[int]], Drawn]  # (seed, rising numbers of samples wanted) -> images

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from benchmarks.interleave import Spread, interleaved, ratios, spread
-from jaxrt.writing import write_text
+from jaxrt.core.writing import write_text
 
 Kind = Literal["cost", "error", "note"]
 SAME_COST, SAME_ERROR = 0.05, 0.03  # relative differences that count as none

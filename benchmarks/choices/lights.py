@@ -8,8 +8,8 @@ from benchmarks.alternatives import area_light
 from benchmarks.choices.figures import Choice, Figure, Table, cost, error
 from benchmarks.interleave import Picture, Swap, picture, spread
 from benchmarks.jaxrt_side import load
-from jaxrt import path
 from jaxrt.lights import sample_light_attached
+from jaxrt.transport import path
 
 NAME, OURS, AREA, CAP = "lights", "cone", "whole area", "visible cap"
 SWAPS: dict[str, list[Swap]] = {

@@ -14,12 +14,12 @@ import jaxrt
 from benchmarks.alternatives import fixed_epsilon
 from benchmarks.choices.figures import Choice, Figure, Table, cost, error
 from benchmarks.interleave import picture
-from jaxrt import path
-from jaxrt.maths import FAR, dot
-from jaxrt.records import Ray, SurfacePoint
+from jaxrt.core.maths import FAR, dot
+from jaxrt.core.records import Ray, SurfacePoint
 from jaxrt.shapes import leave
 from jaxrt.shapes.sphere import Spheres, find_sphere, sphere_surface_point, sphere_table
 from jaxrt.shapes.triangle import corner_table, find_triangle, triangle_surface_point
+from jaxrt.transport import path
 from tests.lanes import lanes
 from tests.oracle import directions, unit_vectors
 

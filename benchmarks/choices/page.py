@@ -4,7 +4,7 @@ from pathlib import Path
 
 from benchmarks.choices.figures import SAME_COST, SAME_ERROR, Choice, Figure, Table
 from benchmarks.meshes import markdown
-from jaxrt.writing import write_text
+from jaxrt.core.writing import write_text
 
 INTRODUCTION = f"""What each choice costs, and what it buys. Cost is CPU time in ours, formed within rounds in which all
 variants take turns in one process on one core: median (least–most). Errors are as each section says. Of two variants

@@ -10,8 +10,8 @@ from benchmarks.alternatives import textbook_sphere
 from benchmarks.choices.figures import Choice, Figure, Table, cost, error
 from benchmarks.interleave import Swap, picture, swapped
 from benchmarks.ladder import BASE, build
-from jaxrt.maths import FAR
-from jaxrt.records import Ray
+from jaxrt.core.maths import FAR
+from jaxrt.core.records import Ray
 from jaxrt.shapes import sphere
 from jaxrt.shapes.sphere import Spheres, SphereTable, find_sphere, sphere_surface_point, sphere_table
 from tests.lanes import lanes

@@ -12,7 +12,7 @@ from benchmarks.choices.triangles import search
 from benchmarks.interleave import Spread, compiled
 from benchmarks.mesh_jaxrt import geometry, searcher
 from benchmarks.mesh_rays import bumpy_sphere, camera_rays, incoherent_rays
-from jaxrt.shapes.bvh import WIDTH
+from jaxrt.shapes.search.bvh import WIDTH
 
 NAME, OURS = "tree", f"{WIDTH}"
 WIDTHS = (WIDTH, 4, 2)

@@ -13,7 +13,8 @@ from benchmarks.choices.figures import Choice, Figure, Table, cost, error
 from benchmarks.interleave import Swap, compiled, picture
 from benchmarks.mesh_jaxrt import geometry, searcher
 from benchmarks.mesh_rays import bumpy_sphere, camera_rays, incoherent_rays, room, unit
-from jaxrt.shapes import packet, topology_of, triangle, walk
+from jaxrt.shapes import topology_of, triangle
+from jaxrt.shapes.search import packet, walk
 
 NAME, OURS, OTHER = "triangles", "watertight", "Möller–Trumbore"
 RAYS = 1 << 17

@@ -45,7 +45,7 @@ def report_reader(scene_file: Path) -> Callable[[Path], Any]:
     import jaxrt
     from jaxrt.fit import unknowns_of
     from jaxrt.fit.files import read_progress
-    from jaxrt.selectors import parse_selector
+    from jaxrt.scene.selectors import parse_selector
 
     scene_file.write_text(scenes.scene())
     scene, name = jaxrt.load_scene(scene_file), "lights.position[0]"

@@ -15,9 +15,9 @@ from jax import Array
 from jaxrt.boundary.clearance import EdgeSamples, clearance_of, splat
 from jaxrt.boundary.outlines import camera_edges
 from jaxrt.boundary.shadows import Plan, shadow_edges
-from jaxrt.native import as_operand
+from jaxrt.kernels.native import as_operand
+from jaxrt.kernels.sealed import sealed
 from jaxrt.scene import Scene
-from jaxrt.sealed import sealed
 
 __all__ = ["EdgeSamples", "Plan", "clearance_of", "edge_tangent", "sample_edges", "splat"]
 

@@ -18,9 +18,9 @@ a sum over points of the scene with constant coefficients: finite for any, linea
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.camera import camera_frame
+from jaxrt.cameras import camera_frame
+from jaxrt.core.pytree import pytree
 from jaxrt.lights import Lights
-from jaxrt.pytree import pytree
 from jaxrt.scene import Scene
 
 ONE_HOT_ROWS = 64  # tables up to this long are read by a product, whose transpose is one too

@@ -14,10 +14,10 @@ import numpy as np
 from jax import Array, lax
 from jax.typing import DTypeLike
 
-from jaxrt.maths import safe_divide
-from jaxrt.native import map_packets, on_devices
-from jaxrt.pytree import pytree
-from jaxrt.samplers import Stream, independent
+from jaxrt.core.maths import safe_divide
+from jaxrt.core.pytree import pytree
+from jaxrt.core.samplers import Stream, independent
+from jaxrt.kernels.native import map_packets, on_devices
 
 LANES = 128  # of a packet
 ROUNDS = 4  # of a pilot's size each

@@ -17,15 +17,15 @@ from jaxrt.boundary.guiding import Draw, place, sample_guided
 from jaxrt.boundary.shadows import BEYOND, NUDGE, Plan, bins_for, occluder_anchors
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, edge_table, rim_at
 from jaxrt.boundary.view import project
-from jaxrt.maths import dot, normalize, safe_divide
-from jaxrt.native import once
-from jaxrt.path import Tables, Walk, event_at, last_look, tables_of
-from jaxrt.pytree import pytree
-from jaxrt.records import Hit, Ray, Smooth, SurfacePoint
-from jaxrt.samplers import independent
+from jaxrt.core.maths import dot, normalize, safe_divide
+from jaxrt.core.pytree import pytree
+from jaxrt.core.records import Hit, Ray, Smooth, SurfacePoint
+from jaxrt.core.samplers import independent
+from jaxrt.kernels.native import once
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, surface_point
 from jaxrt.shapes.sphere import sphere_error
+from jaxrt.transport.path import Tables, Walk, event_at, last_look, tables_of
 
 LIGHTS_ONLY = 16  # the outlines of lights alone get this part of the samples: they are few and smooth
 

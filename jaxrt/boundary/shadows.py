@@ -17,17 +17,22 @@ from jaxrt.boundary.clearance import Anchors, EdgeSamples, LightPoints, ViewPoin
 from jaxrt.boundary.guiding import Draw, place, sample_guided
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, edge_table, rim_at
 from jaxrt.boundary.view import Projection, project
+from jaxrt.core.maths import cross, dot, face_forward, normalize, safe_divide, safe_sqrt, unit_roundoff
+from jaxrt.core.pytree import pytree
+from jaxrt.core.records import Ray, SurfacePoint
+from jaxrt.core.samplers import independent
+from jaxrt.core.sampling import (
+    pdf_cosine_hemisphere,
+    pdf_uniform_sphere,
+    sample_cosine_hemisphere,
+    sample_uniform_sphere,
+)
+from jaxrt.kernels.native import once
 from jaxrt.lights import LightTable
 from jaxrt.materials import scatter
-from jaxrt.maths import cross, dot, face_forward, normalize, safe_divide, safe_sqrt, unit_roundoff
-from jaxrt.native import once
-from jaxrt.path import Tables, tables_of
-from jaxrt.pytree import pytree
-from jaxrt.records import Ray, SurfacePoint
-from jaxrt.samplers import independent
-from jaxrt.sampling import pdf_cosine_hemisphere, pdf_uniform_sphere, sample_cosine_hemisphere, sample_uniform_sphere
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, leave, occluded, surface_point
+from jaxrt.transport.path import Tables, tables_of
 
 NUDGE = 1e-4  # of the distance to the outline: rays pass it at this distance, since grazing ones may go either way
 BEYOND = 1e-3  # a receiver is farther than the outline by this share of its distance

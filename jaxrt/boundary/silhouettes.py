@@ -7,9 +7,9 @@ Everything here is without derivative. An outline is cut into rows (a sphere, or
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.maths import cross, dot, normalize, safe_divide, safe_sqrt, unit_roundoff
-from jaxrt.pytree import pytree
-from jaxrt.sampling import frame, sincos_2pi
+from jaxrt.core.maths import cross, dot, normalize, safe_divide, safe_sqrt, unit_roundoff
+from jaxrt.core.pytree import pytree
+from jaxrt.core.sampling import frame, sincos_2pi
 from jaxrt.shapes import Triangles
 from jaxrt.shapes.sphere import SphereTable
 

@@ -3,9 +3,9 @@
 import jax.numpy as jnp
 from jax import Array
 
-from jaxrt.camera import CameraFrame
-from jaxrt.maths import dot, safe_divide, safe_sqrt
-from jaxrt.pytree import pytree
+from jaxrt.cameras import CameraFrame
+from jaxrt.core.maths import dot, safe_divide, safe_sqrt
+from jaxrt.core.pytree import pytree
 
 
 @pytree

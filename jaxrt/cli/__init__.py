@@ -26,7 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             with leaving():
                 args = parser().parse_args(argv)
-                command = importlib.import_module(f"jaxrt.cli.{args.command}")
+                command = importlib.import_module(f"jaxrt.cli.commands.{args.command}")
             with raising():
                 return command.run(args) or 0
         except KeyboardInterrupt as interrupt:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from jaxrt.cli.errors import UsageError
-from jaxrt.messages import show
+from jaxrt.core.messages import show
 
 COUNT_MAX = 2**31 - 1
 SEED_MAX = 2**32 - 1

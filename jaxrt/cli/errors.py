@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from jaxrt.messages import SceneError, one_line
+from jaxrt.core.messages import SceneError, one_line
 
 BAD_INPUT, INTERNAL = 2, 70  # exit statuses
 

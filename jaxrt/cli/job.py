@@ -11,10 +11,10 @@ import numpy as np
 
 from jaxrt.cli.errors import UsageError, refusing
 from jaxrt.cli.start import warn
-from jaxrt.film import BLOCK, Plan
-from jaxrt.partial import MACHINE, SUFFIX, Facts, Partial, difference, read_partial
+from jaxrt.io.partial import MACHINE, SUFFIX, Facts, Partial, difference, read_partial
 from jaxrt.programs.key import code, cpu_features
 from jaxrt.scene import Scene
+from jaxrt.transport.film import BLOCK, Plan
 
 
 def facts_of(scene: Scene, plan: Plan, seed: int, spp: int) -> Facts:

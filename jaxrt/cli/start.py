@@ -11,16 +11,16 @@ from pathlib import Path
 
 import jax
 
-from jaxrt.checks import check_memory
 from jaxrt.cli.errors import UsageError, refusing
+from jaxrt.core.messages import one_line
+from jaxrt.core.writing import check_place
 from jaxrt.description import SceneDescription, SceneWarning, show
 from jaxrt.io.image import check_suffix
 from jaxrt.io.scene_file import read_description
-from jaxrt.messages import one_line
 from jaxrt.programs import NotPrivate, cache_folder, lend_jax_files, private_folder
 from jaxrt.render import use_cpu_cores
 from jaxrt.scene import Scene, build
-from jaxrt.writing import check_place
+from jaxrt.scene.checks import check_memory
 
 
 def check_output(path: Path) -> None:

@@ -16,7 +16,9 @@ from pydantic import (
     model_validator,
 )
 
+from jaxrt.core.messages import SceneError, SceneWarning, nearest, show
 from jaxrt.description.mesh import MeshDescription
+from jaxrt.description.mesh_facts import COLLINEAR
 from jaxrt.description.values import (
     BRIGHTEST,
     BRIGHTEST_SURFACE,
@@ -41,8 +43,6 @@ from jaxrt.description.values import (
     tables,
     three,
 )
-from jaxrt.mesh_facts import COLLINEAR
-from jaxrt.messages import SceneError, SceneWarning, nearest, show
 
 __all__ = [
     "CameraDescription",

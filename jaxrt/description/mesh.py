@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
+from jaxrt.description.mesh_facts import Floats, Ints, faces_with_area
 from jaxrt.description.values import (
     LONGEST,
     Name,
@@ -20,7 +21,6 @@ from jaxrt.description.values import (
     show,
     three,
 )
-from jaxrt.mesh_facts import Floats, Ints, faces_with_area
 
 Angles = Annotated[tuple[Number, Number, Number], BeforeValidator(three)]
 Scale = Annotated[Size, require(lambda x: x > 0, "is not > 0: use a positive scale")]

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import jax.numpy as jnp
 
-from jaxrt.checks import check_memory
 from jaxrt.description import SceneDescription
 from jaxrt.fit import Fit, FitError, Machine, Problem, Progress, all_rows, fit, unknowns_of
 from jaxrt.fit.files import (
@@ -26,7 +25,8 @@ from jaxrt.fit.unknowns import Floats, Unknowns
 from jaxrt.gradcheck.coverage import coverage
 from jaxrt.io.scene_file import read_description
 from jaxrt.scene import Scene, build
-from jaxrt.selectors import Selector, parse_selector
+from jaxrt.scene.checks import check_memory
+from jaxrt.scene.selectors import Selector, parse_selector
 
 DIGITS = 5
 

@@ -10,15 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxrt.color import gamma_encode, srgb_encode
+from jaxrt.core.writing import write_text, write_whole
 from jaxrt.description import SceneDescription, SceneError, show
 from jaxrt.fit import STAGES, Fit, FitError, Progress, Unknowns
 from jaxrt.fit.verdict import Verdict
+from jaxrt.io.color import gamma_encode, srgb_encode
 from jaxrt.io.files import SCENE_BYTES, read_bytes
 from jaxrt.io.image import load_image
 from jaxrt.io.scene_file import read_text
-from jaxrt.selectors import Selector, material_names
-from jaxrt.writing import write_text, write_whole
+from jaxrt.scene.selectors import Selector, material_names
 
 Floats = NDArray[np.floating]
 

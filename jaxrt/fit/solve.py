@@ -17,10 +17,10 @@ from jax import Array, lax
 from numpy.typing import ArrayLike, NDArray
 
 from jaxrt import boundary
+from jaxrt.boundary.tangent import moving_edges
 from jaxrt.description import SceneError
-from jaxrt.edges import moving_edges
 from jaxrt.fit.unknowns import Unknowns
-from jaxrt.jacobian import value_and_jacobian
+from jaxrt.kernels.jacobian import value_and_jacobian
 from jaxrt.render import draw_sum, prepare
 from jaxrt.scene import Scene
 

@@ -15,9 +15,9 @@ from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
 from jaxrt.description import SceneError
-from jaxrt.parameters import parameters, with_parameters
 from jaxrt.scene import Scene
-from jaxrt.selectors import Selector
+from jaxrt.scene.parameters import parameters, with_parameters
+from jaxrt.scene.selectors import Selector
 
 Floats = NDArray[np.float64]
 

@@ -9,18 +9,18 @@ import numpy as np
 from jax import Array
 
 from jaxrt import boundary
+from jaxrt.boundary.tangent import moving_edges
+from jaxrt.core.samplers import seed_from_key
 from jaxrt.description import SceneError
-from jaxrt.edges import moving_edges
 from jaxrt.gradcheck.coverage import coverage
 from jaxrt.gradcheck.functionals import functionals, loss_slope
 from jaxrt.gradcheck.heatmap import heatmap
 from jaxrt.gradcheck.report import Component, Group, Report, compare
 from jaxrt.gradcheck.steps import default_step
-from jaxrt.parameters import parameters, with_parameters
 from jaxrt.render import prepare, render
-from jaxrt.samplers import seed_from_key
 from jaxrt.scene import Scene, check_scene
-from jaxrt.selectors import Selector, select
+from jaxrt.scene.parameters import parameters, with_parameters
+from jaxrt.scene.selectors import Selector, select
 
 __all__ = ["Component", "Group", "Report", "gradcheck", "heatmap"]
 

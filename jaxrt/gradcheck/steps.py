@@ -5,12 +5,12 @@ from collections.abc import Iterator
 import jax.numpy as jnp
 import numpy as np
 
-from jaxrt.box_tree import Floats
 from jaxrt.description import SceneError
+from jaxrt.description.box_tree import Floats
 from jaxrt.gradcheck.surfaces import Surfaces, gaps, surfaces_of
-from jaxrt.parameters import parameters
 from jaxrt.scene import Scene
-from jaxrt.selectors import Selector
+from jaxrt.scene.parameters import parameters
+from jaxrt.scene.selectors import Selector
 
 SHARE = 0.01  # step of places, as a share of the distance that the camera looks over
 OF_RADIUS = 0.02  # step of a radius, as a share of it

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxrt.box_tree import Floats, Ints, box_distances, box_tree, descend
-from jaxrt.mesh_facts import count_edges, cross, faces_with_area, triangle_distances
-from jaxrt.mesh_pairs import TOUCHING, faces_cross
+from jaxrt.description.box_tree import Floats, Ints, box_distances, box_tree, descend
+from jaxrt.description.mesh_facts import count_edges, cross, faces_with_area, triangle_distances
+from jaxrt.description.mesh_pairs import TOUCHING, faces_cross
 from jaxrt.scene import Scene
 
 Mask = NDArray[np.bool_]

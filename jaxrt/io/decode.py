@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxrt import color
+from jaxrt.io import color
 from jaxrt.io.files import PICTURE_BYTES, check_size
 
 Pixels = NDArray[np.float32]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 
-from jaxrt.messages import SceneError, show
+from jaxrt.core.messages import SceneError, show
 
 MIB = 2**20
 SCENE_BYTES = 32 * MIB  # the most that a file of each kind may have, unless the variable says otherwise

@@ -9,11 +9,11 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxrt import color
+from jaxrt.core.messages import SceneError, one_line
+from jaxrt.core.writing import write_whole
+from jaxrt.io import color
 from jaxrt.io.decode import Pixels, decode_exr, decode_png
 from jaxrt.io.files import PICTURE_BYTES, StrPath, read_bytes
-from jaxrt.messages import SceneError, one_line
-from jaxrt.writing import write_whole
 
 logger = logging.getLogger(__name__)
 

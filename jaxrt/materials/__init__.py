@@ -7,12 +7,12 @@ the scene lacks is None, and its code is then not there.
 import jax.numpy as jnp
 from jax import Array
 
-from jaxrt.gather import take
+from jaxrt.core.maths import dot
+from jaxrt.core.pytree import pytree
+from jaxrt.kernels.gather import take
 from jaxrt.materials.diffuse import Diffuse, sample_diffuse
 from jaxrt.materials.glass import Glass, sample_glass
 from jaxrt.materials.mirror import Mirror, sample_mirror
-from jaxrt.maths import dot
-from jaxrt.pytree import pytree
 
 __all__ = ["Diffuse", "Glass", "Materials", "Mirror", "Scattering", "scatter"]
 

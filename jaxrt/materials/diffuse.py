@@ -2,8 +2,8 @@
 
 from jax import Array
 
-from jaxrt.pytree import pytree
-from jaxrt.sampling import sample_cosine_hemisphere
+from jaxrt.core.pytree import pytree
+from jaxrt.core.sampling import sample_cosine_hemisphere
 
 
 @pytree

@@ -3,9 +3,9 @@
 import jax.numpy as jnp
 from jax import Array, lax
 
+from jaxrt.core.maths import dot, grad_only, safe_sqrt
+from jaxrt.core.pytree import pytree
 from jaxrt.materials.mirror import reflect
-from jaxrt.maths import dot, grad_only, safe_sqrt
-from jaxrt.pytree import pytree
 
 
 @pytree

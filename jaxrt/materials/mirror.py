@@ -2,8 +2,8 @@
 
 from jax import Array
 
-from jaxrt.maths import dot
-from jaxrt.pytree import pytree
+from jaxrt.core.maths import dot
+from jaxrt.core.pytree import pytree
 
 
 @pytree

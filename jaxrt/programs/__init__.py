@@ -18,15 +18,15 @@ from jax.experimental.compilation_cache.compilation_cache import reset_cache
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
 from jax.stages import Compiled
 
-from jaxrt.film import Plan, Run
-from jaxrt.interior import sum_share
-from jaxrt.path import Tables
 from jaxrt.programs.jax_files import lend_jax_files
 from jaxrt.programs.kept import SUFFIX, file_of, read_program, write_program
 from jaxrt.programs.key import key_of
 from jaxrt.programs.private import NotPrivate, cache_folder, private_folder
 from jaxrt.programs.trial import on_trial
 from jaxrt.scene import Scene
+from jaxrt.transport.film import Plan, Run
+from jaxrt.transport.interior import sum_share
+from jaxrt.transport.path import Tables
 
 __all__ = ["KEPT", "NotPrivate", "cache_folder", "is_kept", "lend_jax_files", "load_or_compile", "private_folder"]
 

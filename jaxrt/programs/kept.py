@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
-from jaxrt.writing import write_whole
+from jaxrt.core.writing import write_whole
 
 MAGIC = b"jaxrt program, format 1\n"
 SUFFIX = ".program"

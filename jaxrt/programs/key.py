@@ -12,8 +12,8 @@ from pathlib import Path
 import jax
 import jaxlib
 
-from jaxrt.film import Plan, Run
 from jaxrt.scene import Scene
+from jaxrt.transport.film import Plan, Run
 
 # Settings of JAX that change no code, or that the structure tells
 BESIDE = ("jax_compilation_cache", "jax_enable_compilation_cache", "jax_log", "jax_num_cpu_devices", "jax_persistent")

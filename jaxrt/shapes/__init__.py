@@ -12,11 +12,11 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.maths import FAR, dot, sign_or_one
-from jaxrt.pytree import pytree
-from jaxrt.records import Hit, Ray, Smooth, SurfacePoint
+from jaxrt.core.maths import FAR, dot, sign_or_one
+from jaxrt.core.pytree import pytree
+from jaxrt.core.records import Hit, Ray, Smooth, SurfacePoint
 from jaxrt.shapes.adjacency import mesh_edges
-from jaxrt.shapes.bvh import Survey, Topology, survey, topology_of
+from jaxrt.shapes.search.bvh import Survey, Topology, survey, topology_of
 from jaxrt.shapes.sphere import (
     Spheres,
     SphereTable,

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxrt.mesh_facts import cross, weld
-from jaxrt.pytree import pytree
+from jaxrt.core.pytree import pytree
+from jaxrt.description.mesh_facts import cross, weld
 
 
 @pytree

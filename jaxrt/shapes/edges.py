@@ -9,8 +9,8 @@ counts as inside: rays on an edge hit both triangles, and the nearer one wins.
 import jax.numpy as jnp
 from jax import Array
 
-from jaxrt.maths import FAR, unit_roundoff
-from jaxrt.shapes.order import least, most
+from jaxrt.core.maths import FAR, unit_roundoff
+from jaxrt.shapes.search.order import least, most
 
 # x, y beside the sheared ray; then the distance at which it is level with the corner along its main axis, and of
 # triangles that may be wide along x and y too

@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxrt.maths import cross, dot, normalize, safe_divide, safe_sqrt, sign_or_one
-from jaxrt.records import Smooth
+from jaxrt.core.maths import cross, dot, normalize, safe_divide, safe_sqrt, sign_or_one
+from jaxrt.core.records import Smooth
 
 GRAZING = 1e-3  # least cosine between the shading normal and the ray that arrives
 

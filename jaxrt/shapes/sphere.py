@@ -16,11 +16,11 @@ The smaller root comes from the larger one by t₁t₂ = power.
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.gather import take
-from jaxrt.maths import FAR, dot, grad_only, normalize, safe_divide, safe_sqrt, unit_roundoff
-from jaxrt.native import once
-from jaxrt.pytree import pytree
-from jaxrt.records import Ray, SurfacePoint
+from jaxrt.core.maths import FAR, dot, grad_only, normalize, safe_divide, safe_sqrt, unit_roundoff
+from jaxrt.core.pytree import pytree
+from jaxrt.core.records import Ray, SurfacePoint
+from jaxrt.kernels.gather import take
+from jaxrt.kernels.native import once
 
 
 @pytree

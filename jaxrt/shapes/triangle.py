@@ -8,16 +8,16 @@ from dataclasses import replace
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.gather import take
-from jaxrt.maths import FAR, cross, dot, grad_only, normalize, safe_divide, unit_roundoff
-from jaxrt.pytree import pytree, static
-from jaxrt.records import Ray, SurfacePoint
+from jaxrt.core.maths import FAR, cross, dot, grad_only, normalize, safe_divide, unit_roundoff
+from jaxrt.core.pytree import pytree, static
+from jaxrt.core.records import Ray, SurfacePoint
+from jaxrt.kernels.gather import take
 from jaxrt.shapes.adjacency import MeshEdges
-from jaxrt.shapes.boxes import Tree, tree_of
-from jaxrt.shapes.bvh import Topology
 from jaxrt.shapes.edges import Corner, along_axis, edge_functions, hit_distance, main_axis, shear
+from jaxrt.shapes.search.boxes import Tree, tree_of
+from jaxrt.shapes.search.bvh import Topology
+from jaxrt.shapes.search.traverse import any_hit, nearest_hit
 from jaxrt.shapes.smooth import corner_normals, smooth_place
-from jaxrt.shapes.traverse import any_hit, nearest_hit
 
 
 @pytree

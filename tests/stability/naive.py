@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 
-from jaxrt.maths import FAR, cross, dot
+from jaxrt.core.maths import FAR, cross, dot
 
 
 def textbook_sphere(o, d, c, r):

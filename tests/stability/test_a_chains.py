@@ -6,7 +6,7 @@ import numpy as np
 from jax import lax
 
 import jaxrt
-from jaxrt.maths import normalize
+from jaxrt.core.maths import normalize
 from tests.stability import naive
 
 

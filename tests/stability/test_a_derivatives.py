@@ -13,7 +13,7 @@ import pytest
 from jax import lax
 
 import jaxrt
-from jaxrt.maths import FAR, normalize, safe_divide, safe_sqrt
+from jaxrt.core.maths import FAR, normalize, safe_divide, safe_sqrt
 
 ONE = tuple(jax.devices()[:1])
 METER = {"width": 8, "height": 8, "fov": 1e-3}

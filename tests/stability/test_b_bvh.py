@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.alternatives.counted_walk import visits
-from jaxrt.maths import FAR
-from jaxrt.shapes import survey, walk
-from jaxrt.shapes.bvh import exact_topology
+from jaxrt.core.maths import FAR
+from jaxrt.shapes import survey
+from jaxrt.shapes.search import walk
+from jaxrt.shapes.search.bvh import exact_topology
 from jaxrt.shapes.triangle import triangle_table
 from tests import meshes
 from tests.searches import LEAVES, NODES, assert_same, padded, rays_at, search

@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxrt.core.maths import FAR, dot
+from jaxrt.core.records import Ray, SurfacePoint
 from jaxrt.lights import Lights, light_table, sample_light
 from jaxrt.materials.glass import sample_glass
-from jaxrt.maths import FAR, dot
-from jaxrt.records import Ray, SurfacePoint
 from jaxrt.shapes import Geometry, leave, occluded
 from jaxrt.shapes.sphere import Spheres, find_sphere, sphere_surface_point, sphere_table
 from jaxrt.shapes.triangle import (

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrt import maths, sampling
-from jaxrt.samplers import SAMPLERS, Stream, place_in_cell
+from jaxrt.core import maths, sampling
+from jaxrt.core.samplers import SAMPLERS, Stream, place_in_cell
 
 LAST = np.float32(1 - 2.0**-24)  # the greatest float32 below 1
 SAMPLES = {  # (normal, shape parameter, u), and the parameters to try

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import jaxrt
-from jaxrt.checks import check_memory
 from jaxrt.description import SceneError, parse_description
+from jaxrt.scene.checks import check_memory
 
 CAMERA = {"position": [0, 0, 5]}
 WHITE = {"white": {"type": "diffuse", "albedo": [0.8, 0.8, 0.8]}}

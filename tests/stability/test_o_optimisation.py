@@ -15,7 +15,7 @@ import jaxrt
 from jaxrt.fit import FitError, Machine, Problem, Progress, fit, judge, standard_errors, unknowns_of
 from jaxrt.gradcheck.functionals import functionals
 from jaxrt.gradcheck.report import compare
-from jaxrt.selectors import parse_selector
+from jaxrt.scene.selectors import parse_selector
 
 ROOT = Path(__file__).parent.parent.parent
 SIZE, SPP = 32, 64

@@ -10,9 +10,9 @@ import pytest
 from jax import lax
 from scipy import stats
 
-from jaxrt.maths import kahan_add
-from jaxrt.native import map_packets
-from jaxrt.samplers import SAMPLERS, Stream
+from jaxrt.core.maths import kahan_add
+from jaxrt.core.samplers import SAMPLERS, Stream
+from jaxrt.kernels.native import map_packets
 
 N = 40_000
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import jaxrt
-from jaxrt.maths import FAR
-from jaxrt.records import Ray
+from jaxrt.core.maths import FAR
+from jaxrt.core.records import Ray
 from jaxrt.shapes import Geometry, leave, occluded
 from jaxrt.shapes.sphere import Spheres, find_sphere, sphere_surface_point, sphere_table
 from tests.lanes import lanes

@@ -9,8 +9,8 @@ import pytest
 from jax import lax
 
 import jaxrt
-from jaxrt.maths import FAR
-from jaxrt.records import Ray
+from jaxrt.core.maths import FAR
+from jaxrt.core.records import Ray
 from jaxrt.shapes.edges import hit_distance
 from jaxrt.shapes.triangle import (
     Triangles,

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 import jaxrt
-from jaxrt.camera import camera_frame, camera_ray
-from jaxrt.maths import FAR, dot, normalize
-from jaxrt.native import map_packets
-from jaxrt.path import radiance, tables_of
-from jaxrt.records import Ray
+from jaxrt.cameras import camera_frame, camera_ray
+from jaxrt.core.maths import FAR, dot, normalize
+from jaxrt.core.records import Ray
+from jaxrt.kernels.native import map_packets
 from jaxrt.shapes.triangle import Triangles, corner_table, find_triangle
+from jaxrt.transport.path import radiance, tables_of
 from tests.lanes import lanes
 from tests.meshes import aim_at_edges, aim_at_vertices, star_mesh
 from tests.oracle import directions, triangle_distances

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxrt.description import SceneError, show
+from jaxrt.description.mesh_facts import Floats, Ints
 from jaxrt.io.files import read_bytes
 from jaxrt.io.folders import Folders, named_file
-from jaxrt.mesh_facts import Floats, Ints
 
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC3": 3}

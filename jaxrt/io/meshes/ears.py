@@ -8,7 +8,7 @@ from collections import deque
 
 import numpy as np
 
-from jaxrt.mesh_facts import Floats, Ints, cross
+from jaxrt.description.mesh_facts import Floats, Ints, cross
 
 ROUNDING = 1e-12  # of the sum of all areas
 LOOKS = 32  # at all corners anew, where no neighbour of a clipped ear is one: rounding, and seams

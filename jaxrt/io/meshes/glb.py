@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from jaxrt.description import SceneError, show
+from jaxrt.description.mesh_facts import Floats, Ints
 from jaxrt.io.folders import Folders
 from jaxrt.io.meshes.accessors import Accessors, Broken, extensions_of, item, rows
 from jaxrt.io.meshes.nodes import drawn_nodes
 from jaxrt.io.meshes.polygons import Polygons
 from jaxrt.io.meshes.soundness import Mesh, check_vertices, no_faces
 from jaxrt.io.meshes.strips import fan_triangles, strip_triangles
-from jaxrt.mesh_facts import Floats, Ints
 
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 # Extensions that change no triangle: how a surface looks, lights, names

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from jaxrt.description import show
+from jaxrt.description.mesh_facts import Floats
 from jaxrt.io.meshes.accessors import Broken, Table, item, rows
-from jaxrt.mesh_facts import Floats
 
 
 def drawn_nodes(document: Table, say: Callable[[str], None]) -> Iterator[tuple[Table, Floats]]:

@@ -11,10 +11,10 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 
 from jaxrt.description import SceneError, show
+from jaxrt.description.mesh_facts import Floats, Ints
 from jaxrt.io.meshes.polygons import Polygons
 from jaxrt.io.meshes.soundness import Mesh, check_polygons, check_vertices, cut, no_faces
 from jaxrt.io.meshes.text import BadRow, floats, number_hint, numbers
-from jaxrt.mesh_facts import Floats, Ints
 
 # Of no consequence for the picture: normals and texture places, groups, names, rules for smoothing and detail
 _PASSED = frozenset("vn vt vp o g s mg bevel c_interp d_interp lod shadow_obj trace_obj maplib usemap call csh".split())

@@ -9,10 +9,10 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 
 from jaxrt.description import SceneError, show
+from jaxrt.description.mesh_facts import Floats, Ints
 from jaxrt.io.meshes.polygons import Polygons
 from jaxrt.io.meshes.soundness import Mesh, Place, check_polygons, check_vertices, cut, no_faces
 from jaxrt.io.meshes.text import BadRow, floats, is_count, number_hint, numbers
-from jaxrt.mesh_facts import Floats, Ints
 
 _HEAD = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF(?![A-Za-z])")
 

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxrt.description import SceneError, show
+from jaxrt.description.mesh_facts import Floats, Ints
 from jaxrt.io.meshes.ply_head import Element, Head, Property, read_head
 from jaxrt.io.meshes.polygons import Polygons
 from jaxrt.io.meshes.soundness import Mesh, check_polygons, check_vertices, cut, left_over, no_faces
 from jaxrt.io.meshes.strips import strip_triangles
 from jaxrt.io.meshes.text import BadRow, decode, floats, number_hint, numbers
-from jaxrt.mesh_facts import Floats, Ints
 
 _LISTS = ("vertex_indices", "vertex_index")
 _COLOURS = ("red", "diffuse_red", "r", "green", "blue")

@@ -6,8 +6,8 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxrt.description.mesh_facts import Floats, Ints, cross
 from jaxrt.io.meshes.ears import clip_ears
-from jaxrt.mesh_facts import Floats, Ints, cross
 
 FLAT = 1e-12  # of the polygon's own size squared: an area below this is rounding
 LESS = 1 - 1e-6  # of the largest area that four corners can have: the share that a crossed order stays below

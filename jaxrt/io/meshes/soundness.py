@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxrt.description import SceneError, show
+from jaxrt.description.mesh_facts import Floats, Ints
 from jaxrt.io.meshes.polygons import Polygons, triangulate
-from jaxrt.mesh_facts import Floats, Ints
 
 FLOAT32_MAX = float(np.finfo(np.float32).max)
 Place = Callable[[int], str]  # where in the file the i-th thing stands

@@ -5,9 +5,9 @@ import re
 import numpy as np
 
 from jaxrt.description import SceneError, show
+from jaxrt.description.mesh_facts import Floats, weld
 from jaxrt.io.meshes.soundness import Mesh, check_vertices, left_over, no_faces
 from jaxrt.io.meshes.text import BadRow, decode, floats, number_hint, numbers
-from jaxrt.mesh_facts import Floats, weld
 
 _HEAD = 84  # bytes: a comment, and the number of triangles
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from jaxrt.description.mesh_facts import Ints
 from jaxrt.io.meshes.polygons import Polygons
-from jaxrt.mesh_facts import Ints
 
 
 def strip_triangles(strips: Polygons) -> Ints:

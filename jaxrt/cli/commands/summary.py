@@ -1,0 +1,145 @@
+"""What is in a scene, as tables for `jaxrt info`."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from jaxrt.core.messages import one_line
+from jaxrt.description import Glass, SceneDescription, Solid
+from jaxrt.scene import Scene
+from jaxrt.scene.parameters import parameters
+from jaxrt.shapes import Triangles
+from jaxrt.shapes.search.bvh import survey
+
+ROWS = 20  # of materials and lights, before the table is cut
+
+
+def print_summary(
+    source: str,
+    description: SceneDescription,
+    scene: Scene,
+    messages: Sequence[str],
+    console: Console | None = None,
+) -> None:
+    """Print counts, materials, lights, parameters with shapes, warnings, and what will be compiled."""
+    console = console or Console()
+    present, absent = features(description)
+    facts = [
+        ("objects", _counts(description)),
+        ("camera", _camera(description)),
+        ("render", f"{description.render.spp} spp, max_depth {description.render.max_depth}"),
+        ("environment", _numbers(description.environment.radiance) if description.environment else "black"),
+        ("compiled", ", ".join(present)),
+        ("left out", ", ".join(absent) or "nothing"),
+    ]
+    console.print(_table(source, ("", ""), facts))
+    console.print(_table("materials", ("name", "type", "value", "objects"), _materials(description)))
+    if description.meshes:
+        heads = ("", "file", "faces", "vertices", "without area, dropped", "material")
+        console.print(_table("meshes", heads, _meshes(description)))
+    if scene.triangles is not None:
+        console.print(_table("ray search among triangles", ("", ""), _search(scene.triangles)))
+    console.print(_table("lights", ("", "position", "intensity W/sr", "radius"), _lights(description)))
+    shapes = [(name, str(value.shape)) for name, value in parameters(scene).items()]
+    console.print(_table("parameters", ("name", "shape"), shapes))
+    for message in messages:
+        console.print(f"warning: {_plain(message)}", soft_wrap=True)
+
+
+def features(description: SceneDescription) -> tuple[list[str], list[str]]:
+    """Return the features that are compiled for this scene, and those that it lacks and that are left out."""
+    types = {description.materials[name].type for name in description.used}
+    radii = [light.radius for light in description.lights]
+    there = {
+        "spheres": bool(description.spheres),
+        "triangles": bool(description.triangles or description.meshes),
+        "diffuse": "diffuse" in types,
+        "mirror": "mirror" in types,
+        "glass": "glass" in types,
+        "point lights": 0 in radii,
+        "sphere lights": any(radii),
+        "environment": description.environment is not None,
+    }
+    return [name for name, is_there in there.items() if is_there], [n for n, is_there in there.items() if not is_there]
+
+
+def _table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+    table = Table(title=_plain(title), title_justify="left", show_header=any(heads))
+    for head in heads:
+        table.add_column(head, overflow="fold")
+    rows = list(rows)
+    for row in rows[:ROWS]:
+        table.add_row(*map(_plain, row))
+    if len(rows) > ROWS:
+        table.add_row(f"and {len(rows) - ROWS} more")
+    return table
+
+
+def _plain(text: str) -> str:
+    """Return text that is neither markup nor a command to the terminal, whoever chose the names in it."""
+    return escape(one_line(text))
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return "(" + ", ".join(f"{value:g}" for value in values) + ")"
+
+
+def _counts(scene: SceneDescription) -> str:
+    groups = {
+        "spheres": scene.spheres,
+        "meshes": scene.meshes,
+        "triangles": scene.triangles,
+        "lights": scene.lights,
+    }
+    counted = [f"{len(members)} {name}" for name, members in groups.items()]
+    return ", ".join([*counted, f"{len(scene.materials)} materials"])
+
+
+def _camera(scene: SceneDescription) -> str:
+    camera = scene.camera
+    view = f"{_numbers(camera.position)} to {_numbers(camera.target)}, up {_numbers(camera.up)}"
+    return f"{view}, fov {camera.fov:g}°, {camera.width}x{camera.height}"
+
+
+def _materials(scene: SceneDescription) -> Iterable[tuple[str, str, str, str]]:
+    solids: list[Solid] = [*scene.spheres, *scene.triangles]
+    used = Counter(solid.material for solid in solids)
+    used.update(name for mesh in scene.meshes for name in mesh.names)
+    for name, material in scene.materials.items():
+        value = f"ior {material.ior:g}" if isinstance(material, Glass) else f"albedo {_numbers(material.albedo)}"
+        yield name, material.type, value, str(used[name])
+
+
+def _meshes(scene: SceneDescription) -> Iterable[tuple[str, ...]]:
+    for i, mesh in enumerate(scene.meshes):
+        dropped = len(mesh.faces) - len(mesh.kept)
+        counts = (str(n) for n in (len(mesh.kept), len(mesh.vertices), dropped))
+        yield str(i), mesh.file or "arrays", *counts, ", ".join(mesh.names)
+
+
+def _search(triangles: Triangles) -> Iterable[tuple[str, str]]:
+    """Tell how the triangle that a ray hits is found, and what that costs."""
+    faces = np.asarray(triangles.faces)
+    tree = survey(np.asarray(triangles.vertices), faces)
+    yield "faces", str(len(faces))
+    if tree is None:
+        yield "method", "brute force: every face is tested"
+        return
+    yield "method", "BVH: a tree of boxes"
+    yield "depth", str(tree.depth)
+    yield "nodes, leaves", f"{tree.nodes}, {tree.leaves}"
+    yield "build time", f"{tree.seconds:.2f} s"
+    yield (
+        "expected visits",
+        f"{tree.node_visits:.1f} nodes, {tree.leaf_visits:.1f} leaves a ray (surface-area heuristic)",
+    )
+
+
+def _lights(scene: SceneDescription) -> Iterable[tuple[str, str, str, str]]:
+    for i, light in enumerate(scene.lights):
+        radius = f"{light.radius:g}" if light.radius else "point"
+        yield str(i), _numbers(light.position), _numbers(light.intensity), radius

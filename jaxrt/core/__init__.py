@@ -1,0 +1,1 @@
+"""What every room stands on: numbers, records, messages, files written whole."""

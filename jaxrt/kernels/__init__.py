@@ -1,0 +1,1 @@
+"""JAX made fast: native loops, linear pairs, gathers. Nothing here knows of rendering."""

@@ -1,0 +1,61 @@
+"""A camera that hardly shows what it should, and parts of the scene that no ray meets."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from jaxrt.description import SceneDescription, show
+from jaxrt.scene.checks.common import Body
+
+RADIANS = 0.1, np.pi  # what a fov would be in radians; below it is a probe that somebody means
+SPECK = 0.1  # of what is looked at: a view that is narrower than that hardly is meant
+STRETCHED = 150  # degrees, from where on an eighth of the picture's height is a third of the view
+
+
+def narrow_view(scene: SceneDescription, bodies: Sequence[Body]) -> Iterator[str]:
+    """Find a camera that looks at a speck of the scene, as one given in radians does, or one that is too wide."""
+    fov = scene.camera.fov
+    if fov > STRETCHED:
+        yield f"camera: fov {fov:g} degrees stretches the picture's edges beyond recognition: use 20 to 100"
+    sizes = list(_angular_sizes(scene, bodies))
+    if RADIANS[0] <= fov < RADIANS[1] and sizes and np.radians(fov) < SPECK * float(np.median(sizes)):
+        degrees = np.degrees(fov)
+        yield f"camera: fov {fov:g} degrees shows a speck of the scene: use {degrees:.3g} if it is meant in radians"
+
+
+def _angular_sizes(scene: SceneDescription, bodies: Sequence[Body]) -> Iterator[float]:
+    """Yield the angle under which the camera sees each sphere and mesh that it is outside of."""
+    eye = np.array(scene.camera.position)
+    for sphere in scene.spheres:
+        distance = np.linalg.norm(eye - sphere.center)
+        if distance > sphere.radius:
+            yield float(2 * np.arcsin(sphere.radius / distance))
+    boxes = [body.box for body in bodies] + [(np.min(t.vertices, 0), np.max(t.vertices, 0)) for t in scene.triangles]
+    for low, high in boxes:
+        if not ((low < eye) & (eye < high)).all():
+            yield float(2 * np.arctan2(np.linalg.norm(high - low) / 2, np.linalg.norm((low + high) / 2 - eye)))
+
+
+def unused_materials(scene: SceneDescription) -> Iterator[str]:
+    """Find materials that nothing is made of."""
+    used = {sphere.material for sphere in scene.spheres} | {triangle.material for triangle in scene.triangles}
+    used.update(name for mesh in scene.meshes for name in mesh.names)
+    for name in scene.materials:
+        if name not in used:
+            yield f"materials: {show(name)} is used by nothing: name it in a sphere, triangle or mesh, or remove it"
+
+
+def dropped_faces(bodies: Sequence[Body]) -> Iterator[str]:
+    """Find faces that no ray can hit."""
+    for body in bodies:
+        count = len(body.mesh.faces)
+        dropped = np.setdiff1d(np.arange(count), body.mesh.kept, assume_unique=True)
+        if len(dropped):
+            yield f"{body.title}: {len(dropped)} of {count} faces have no area and are dropped, first {dropped[0]}"
+
+
+def left_out(scene: SceneDescription) -> Iterator[str]:
+    """Tell what mesh files hold that is not read, and what was mended."""
+    for i, mesh in enumerate(scene.meshes):
+        if mesh.notes:
+            yield f"meshes[{i}] ({mesh.file}): {mesh.notes}"

@@ -1,0 +1,76 @@
+"""Names of parameters with a row: `lights.position[0]`, `materials.albedo[white]`."""
+
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from jax import Array
+
+from jaxrt.description import SceneDescription, SceneError, nearest, show
+from jaxrt.scene import Scene
+from jaxrt.scene.parameters import parameters
+
+_WITHOUT_ROWS = {"camera.position", "camera.target", "camera.fov", "environment.radiance"}
+_SELECTOR = re.compile(r"(?P<name>[^\[\]]+)(\[(?P<row>.+)\])?")
+
+
+class Selector(NamedTuple):
+    """One row of a parameter, or a parameter that has none."""
+
+    name: str
+    row: int | None
+
+    def __str__(self) -> str:
+        return self.name if self.row is None else f"{self.name}[{self.row}]"
+
+    def pick(self, value: Array) -> Array:
+        """Return the row of a parameter's value."""
+        return value if self.row is None else value[self.row]
+
+
+def parse_selector(text: str, scene: Scene, description: SceneDescription | None = None) -> Selector:
+    """Return the parameter and row that a text such as `lights.position[0]` names.
+
+    A row of `materials` may go by the material's name, if the description is there to tell; a single row may be left
+    out. Raises SceneError for unknown names and rows.
+    """
+    match = _SELECTOR.fullmatch(text.strip())
+    if match is None:
+        raise SceneError(f"{text}: is no parameter: write NAME or NAME[ROW], as in lights.position[0]")
+    row = match["row"]
+    if row is not None and not re.fullmatch(r"[+-]?\d+", row):
+        return select(scene, match["name"], _row_of_material(match["name"], row, scene, description))
+    return select(scene, match["name"], None if row is None else int(row))
+
+
+def select(scene: Scene, name: str, row: int | None = None) -> Selector:
+    """Return the selector of a parameter's row, which may be None where there is but one. Raises SceneError."""
+    values = parameters(scene)
+    if name not in values:
+        raise SceneError(f"{name}: the scene has no such parameter{nearest(name, values)}")
+    if name in _WITHOUT_ROWS:
+        if row is not None:
+            raise SceneError(f"{name}[{row}]: {name} has no rows: write {name}")
+        return Selector(name, None)
+    n = values[name].shape[0]
+    if row is None and n > 1:
+        raise SceneError(f"{name}: has {n} rows: choose one, {name}[0] to {name}[{n - 1}]")
+    if not 0 <= (row or 0) < n:
+        raise SceneError(f"{name}[{row}]: no such row: use {name}[0]" + (f" to {name}[{n - 1}]" if n > 1 else ""))
+    return Selector(name, row or 0)
+
+
+def material_names(description: SceneDescription, name: str) -> Sequence[str]:
+    """Return the names of a parameter's rows in order: materials have names, others none."""
+    kinds = {"materials.albedo": ("diffuse", "mirror"), "materials.ior": ("glass",)}.get(name, ())
+    return [key for key, material in description.materials.items() if material.type in kinds]
+
+
+def _row_of_material(name: str, row: str, scene: Scene, description: SceneDescription | None) -> int:
+    select(scene, name, None if name in _WITHOUT_ROWS else 0)
+    if not name.startswith("materials.") or description is None:
+        raise SceneError(f"{name}[{row}]: {show(row)} is not a row's number: write {name}[0] for the first")
+    names = material_names(description, name)
+    if row not in names:
+        raise SceneError(f"{name}[{row}]: no material of that name{nearest(row, names)}")
+    return list(names).index(row)

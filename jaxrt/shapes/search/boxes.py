@@ -1,0 +1,72 @@
+"""The boxes of a mesh's tree around its vertices of the moment, and all that a walk reads, in one array."""
+
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxrt.core.maths import FAR, unit_roundoff
+from jaxrt.core.pytree import pytree, static
+from jaxrt.shapes.search.bvh import WIDTH, Topology
+from jaxrt.shapes.search.order import bits
+
+# Words of a node: least, then largest x, y, z of eight children, padded; where the children begin,
+# −1 − that for a leaf. Of a leaf: x, y, z of the first,
+# second, third corners of eight faces; the faces, −1 where there are fewer
+NODE, LEAF = 7 * WIDTH, 10 * WIDTH
+
+
+@pytree
+class Tree:
+    """A tree with its boxes, flat, as the walk reads it."""
+
+    words: Array  # (n·NODE + m·LEAF,) the nodes, then the leaves; floats by their bits, so that a cache line has both
+    reach: Array  # () largest side of the root box
+    pad: Array  # () what a face's box is padded by at most
+    side: Array  # () that of a leaf, as a share of the tree's: 1/√n of n leaves
+    nodes: int = static()
+    depth: int = static()
+    wide: bool = static(default=False)  # of `Triangles`
+
+
+def tree_of(topology: Topology, corners: Array, wide: bool = False) -> Tree:
+    """Return the tree around corners (f, 3, 3) where they are now. Runs once a render, in vector operations."""
+    slots = topology.faces
+    own = corners[jnp.where(slots < 0, slots[:, :1], slots)]  # leaf, slot, corner, coordinate
+    # A place without face has a point for a face: never hit
+    own = jnp.where((slots < 0)[..., None, None], own[:, :, :1], own)
+    low, high = own.min((1, 2)), own.max((1, 2))
+    pad = 32 * unit_roundoff(corners) * jnp.maximum(jnp.abs(low), jnp.abs(high)).max(1, keepdims=True)
+    low, high = low - pad, high + pad
+    first, last = topology.first, topology.last
+    lows = _least_of_ranges(low, first, last)
+    highs = -_least_of_ranges(-high, first, last)
+    none = (first == last)[..., None]
+    boxes = jnp.concatenate([jnp.where(none, FAR, lows), jnp.where(none, -FAR, highs)], -1)
+    children, size = topology.children, topology.children.shape[0] * NODE
+    children = jnp.where(children < 0, -1 - size - (-1 - children) * LEAF, children * NODE)
+    nodes = _words(boxes.swapaxes(1, 2), children)
+    return Tree(
+        words=jnp.concatenate([nodes, _words(own.transpose(0, 3, 2, 1), slots)]),
+        reach=jnp.max(high.max(0) - low.min(0)),
+        pad=pad.max(),
+        side=lax.rsqrt(last[0].max().astype(corners.dtype)),
+        nodes=topology.children.shape[0],
+        depth=topology.depth,
+        wide=wide,
+    )
+
+
+def _words(numbers: Array, links: Array) -> Array:
+    words = bits(numbers.reshape(len(links), -1))
+    return jnp.concatenate([words, links.astype(words.dtype)], 1).ravel()
+
+
+def _least_of_ranges(rows: Array, first: Array, last: Array) -> Array:
+    """Return the least (n, 8, 3) over ranges of rows (m, 3): of two overlapping ranges of 2ᵏ rows each."""
+    tables, count = [rows], rows.shape[0]
+    while 2 ** len(tables) <= count:
+        step = 2 ** (len(tables) - 1)
+        shifted = jnp.concatenate([tables[-1][step:], jnp.broadcast_to(rows[-1:], (step, 3))])
+        tables.append(jnp.minimum(tables[-1], shifted))
+    table = jnp.concatenate(tables)
+    k = 31 - lax.clz(jnp.maximum(last - first, 1))
+    return jnp.minimum(table[k * count + first], table[k * count + jnp.maximum(last - (1 << k), 0)])

@@ -1,0 +1,1 @@
+"""Light along one ray, its derivative, and the packets that a picture is made of."""

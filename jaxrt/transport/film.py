@@ -1,0 +1,171 @@
+"""Packets of pixels: which pixels a packet holds, one sample of each, and packets over devices."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+
+from jaxrt.cameras import camera_ray
+from jaxrt.core.maths import kahan_add
+from jaxrt.core.samplers import SAMPLERS, Stream
+from jaxrt.kernels.native import fold_packets, map_packets, on_devices
+from jaxrt.transport.path import Tables, radiance
+
+BLOCK = 4  # samples, numbered from 0, whose sum is rounded; all that is divided anywhere is divided between blocks
+SHARES = 64  # at most, of a picture that several threads draw; the program of a share serves any number of them
+NATIVE_LANES = 1024  # packets of more lanes are not compiled as one native kernel
+
+_numbers = {name: jax.jit(sampler) for name, sampler in SAMPLERS.items()}  # traced once, though each event asks anew
+
+Operands = TypeVar("Operands")
+Totals = TypeVar("Totals")
+Pixels = TypeVar("Pixels", Array, NDArray[np.float32])
+
+
+class Plan(NamedTuple):
+    """How a picture is drawn: what is compiled, besides the scene's structure."""
+
+    max_depth: int
+    sampler: str
+    unroll: bool
+    tile: tuple[int, int]  # width, height of a packet in pixels
+    devices: tuple[jax.Device, ...]
+
+    @property
+    def lanes(self) -> int:
+        """Pixels in a packet."""
+        return self.tile[0] * self.tile[1]
+
+
+class Run(NamedTuple):
+    """Which samples are drawn: traced, so that one compilation serves them all."""
+
+    seed: Array  # () uint32
+    first: Array  # () int32
+    end: Array  # () int32, one past the last
+    spp: Array  # () int32
+
+
+def sample_packet(plan: Plan, tables: Tables, run: Run, sample: Array, packet: Array, attached: bool = False) -> Array:
+    """Return the radiance (lanes, 3) of sample number `sample` of the packet's pixels, in row order of its tile.
+
+    attached: with the light samples that derivatives want, see `path.radiance`.
+    """
+    width, height = plan.tile
+    columns = -(-tables.camera.width // width)
+    lane = jnp.arange(width * height, dtype=jnp.int32)
+    x = packet % columns * width + lane % width
+    y = packet // columns * height + lane // width
+    return jax.vmap(partial(_sample, plan, tables, run, sample, attached))(x, y)
+
+
+def _sample(plan: Plan, tables: Tables, run: Run, sample: Array, attached: bool, x: Array, y: Array) -> Array:
+    """Return the radiance (3,) of one sample of pixel (x, y), column and row."""
+    dtype = tables.camera.position.dtype
+    pixel = y.astype(jnp.uint32) * jnp.uint32(tables.camera.width) + x.astype(jnp.uint32)
+    stream = Stream(pixel, sample.astype(jnp.uint32), run.seed, run.spp.astype(jnp.uint32))
+
+    def numbers(block: int | Array) -> tuple[Array, Array, Array, Array]:
+        a, b, c, d = _numbers[plan.sampler](stream, jnp.int32(block))
+        return a.astype(dtype), b.astype(dtype), c.astype(dtype), d.astype(dtype)
+
+    jitter = numbers(0)
+    ray = camera_ray(tables.camera, x.astype(dtype) + jitter[0], y.astype(dtype) + jitter[1])
+    return radiance(tables, ray, numbers, plan.max_depth, plan.unroll, attached)
+
+
+def draw_packets(f: Callable[[Operands, Array], Array], operands: Operands, size: tuple[int, int], plan: Plan) -> Array:
+    """Return the picture (height, width, …) that the packets f(operands, packet) of shape (lanes, …) make up."""
+
+    def on_device(operands: Operands, packets: Array) -> Array:
+        return map_packets(f, operands, packets[0], is_native(plan))[None]
+
+    return _picture(on_devices(on_device, operands, _count(size, plan), plan.devices), size, plan)
+
+
+def shares_of(size: tuple[int, int], plan: Plan) -> tuple[int, int]:
+    """Return in how many shares a picture is drawn, and how many packets a share has: few turns for many hands."""
+    count = _count(size, plan)
+    turns = -(-count // SHARES)
+    return -(-count // turns), turns
+
+
+def draw_share(
+    f: Callable[[Operands, Array], Array], operands: Operands, share: Array, size: tuple[int, int], plan: Plan
+) -> Array:
+    """Return the packets (turns, lanes, …) of one share, f(operands, packet) each, dealt like cards."""
+    shares, turns = shares_of(size, plan)
+    packets = share + shares * jnp.arange(turns, dtype=jnp.int32)
+    return map_packets(f, operands, packets, is_native(plan))
+
+
+def joined(parts: NDArray[np.float32], size: tuple[int, int], plan: Plan) -> NDArray[np.float32]:
+    """Return the picture (height, width, …) of all shares (shares, turns, lanes, …)."""
+    return _picture(parts, size, plan)
+
+
+def sum_packets(
+    f: Callable[[Operands, Array], list[Array]],
+    operands: Operands,
+    nothing: list[Array],
+    size: tuple[int, int],
+    plan: Plan,
+) -> list[Array]:
+    """Return the compensated sum of f(operands, packet) over all packets of a picture. nothing: zeros of its shapes."""
+
+    def add(operands: Operands, packet: Array, sums: list[list[Array]]) -> list[list[Array]]:
+        return kahan_add_all(sums, f(operands, packet))
+
+    def on_device(operands: Operands, packets: Array) -> list[Array]:
+        # Surplus packets have no pixels in the picture, and their cotangents are 0
+        totals = fold_packets(add, operands, [nothing, nothing], packets[0], is_native(plan))[0]
+        return [total[None] for total in totals]
+
+    return [jnp.sum(total, axis=0) for total in on_devices(on_device, operands, _count(size, plan), plan.devices)]
+
+
+def kahan_add_all(sums: list[list[Array]], values: list[Array]) -> list[list[Array]]:
+    """Return [totals, compensations] after adding to each total its value."""
+    pairs = [kahan_add(*each) for each in zip(*sums, values, strict=True)]
+    return [[pair[0] for pair in pairs], [pair[1] for pair in pairs]]
+
+
+def packets_of(picture: Array, plan: Plan) -> Array:
+    """Return the packets (n, lanes, 3) of a picture (height, width, 3); what hangs over its edges is 0."""
+    columns, rows, share = _layout((picture.shape[1], picture.shape[0]), plan)
+    width, height = plan.tile
+    picture = jnp.pad(picture, ((0, rows * height - picture.shape[0]), (0, columns * width - picture.shape[1]), (0, 0)))
+    packets = picture.reshape(rows, height, columns, width, 3).swapaxes(1, 2).reshape(rows * columns, height * width, 3)
+    return jnp.pad(packets, ((0, share * len(plan.devices) - rows * columns), (0, 0), (0, 0)))
+
+
+def is_native(plan: Plan) -> bool:
+    """Return whether the packets are narrow enough for one native kernel."""
+    return plan.lanes <= NATIVE_LANES
+
+
+def _layout(size: tuple[int, int], plan: Plan) -> tuple[int, int, int]:
+    """Return columns and rows of tiles, and the number of packets of each device."""
+    columns, rows = -(-size[0] // plan.tile[0]), -(-size[1] // plan.tile[1])
+    return columns, rows, -(-columns * rows // len(plan.devices))
+
+
+def _count(size: tuple[int, int], plan: Plan) -> int:
+    """Return the number of packets of a picture."""
+    columns, rows, _ = _layout(size, plan)
+    return columns * rows
+
+
+def _picture(packets: Pixels, size: tuple[int, int], plan: Plan) -> Pixels:
+    """Return the picture from packets (device or share, turn, lane, …)."""
+    columns, rows, _ = _layout(size, plan)
+    width, height = plan.tile
+    values = packets.shape[3:]
+    packets = packets.swapaxes(0, 1).reshape(-1, height, width, *values)[: columns * rows]
+    picture = packets.reshape(rows, columns, height, width, *values).swapaxes(1, 2)
+    return picture.reshape(rows * height, columns * width, *values)[: size[1], : size[0]]

@@ -1,0 +1,176 @@
+"""The sum of a picture's samples, with its derivative inside of visibility edges.
+
+The derivative of each packet is taken inside the packet loop, forwards (a tangent kernel) or backwards (a cotangent
+kernel), so that memory depends neither on the samples nor on the size of the picture. `linear` tells JAX that one is
+the transpose of the other.
+"""
+
+import math
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+from jax.custom_batching import sequential_vmap as in_turn
+from jax.custom_derivatives import SymbolicZero
+
+from jaxrt.core.maths import Parts, add_exactly, kahan_add, rounded
+from jaxrt.kernels.linear import Leaves, Shapes, apply_linear
+from jaxrt.kernels.native import one_mesh, program_on
+from jaxrt.transport.film import (
+    BLOCK,
+    Plan,
+    Run,
+    draw_packets,
+    draw_share,
+    is_native,
+    kahan_add_all,
+    packets_of,
+    sample_packet,
+    sum_packets,
+)
+from jaxrt.transport.path import Tables
+
+# Derivatives of a batch that share one pass over the paths, forwards and backwards. Backwards the paths are the lesser
+# part, and packets of a batch too wide for a native kernel
+TOGETHER = (32, 1)
+LARGE = 100_000  # moved numbers from which on wide packets are the faster ones backwards: a mesh of 11,000 faces
+WIDE_TILE = (32, 32)  # pixels, as many as a native kernel takes
+# Parameters that light paths and light samples do not depend on: they keep the picture's own light samples
+_STILL = {"albedo", "intensity", "environment"}
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(3,))
+def draw(tables: Tables, run: Run, gradient_run: Run, plan: Plan) -> Array:
+    """Return the sum (height, width, 3) of the samples of `run`; derivatives are drawn with those of `gradient_run`.
+
+    Derivatives hold the pixel's position, each light sample's place on its light and all discrete choices fixed; what
+    moving visibility edges add is not in them.
+    """
+    with one_mesh():
+        parts = _draw(tables, run, plan)
+    return rounded((parts[..., 0], parts[..., 1], parts[..., 2]))
+
+
+@partial(jax.jit, static_argnames="plan")
+def sum_share(tables: Tables, run: Run, share: Array, plan: Plan) -> Array:
+    """Return the sums of the samples of `run` in one share of the packets, without derivative.
+
+    (turns, lanes, 3, 3): parts along the last axis. Sums of runs that part between blocks, joined, added exactly and
+    rounded once, are `draw` of all their samples.
+    """
+    return draw_share(partial(_packet_sum, plan), (tables, run), share, _size(tables), plan)
+
+
+@partial(jax.jit, static_argnums=2)
+def _draw(tables: Tables, run: Run, plan: Plan) -> Array:
+    def picture(tables: Tables, run: Run) -> Array:
+        return draw_packets(partial(_packet_sum, plan), (tables, run), _size(tables), plan)
+
+    # A batch of scenes one after the other: side by side they would make too wide a native kernel
+    return (in_turn(picture) if is_native(plan) else picture)(tables, run)
+
+
+@partial(draw.defjvp, symbolic_zeros=True)
+def _draw_jvp(plan: Plan, primals: tuple[Tables, Run, Run], tangents: tuple[Any, Any, Any]) -> tuple[Array, Array]:
+    tables, run, gradient_run = primals
+    changes = jax.tree.leaves_with_path(tangents[0], is_leaf=lambda x: isinstance(x, SymbolicZero))
+    moved = [i for i, (_, change) in enumerate(changes) if not isinstance(change, SymbolicZero)]
+    attached = any(changes[i][0][-1].name not in _STILL for i in moved)
+    constants, structure = jax.tree.flatten((tables, gradient_run))
+    shapes = tuple(jax.ShapeDtypeStruct(constants[i].shape, constants[i].dtype) for i in moved)
+    pair = _Derivative(plan, structure, _size(tables), shapes, tuple(moved), attached)
+    total = draw(tables, run, gradient_run, plan)
+    share = (run.end - run.first) / (gradient_run.end - gradient_run.first)
+    change = apply_linear(pair, constants, [changes[i][1] for i in moved], program_on(plan.devices))[0]
+    return total, change * share.astype(total.dtype)
+
+
+class _Derivative(NamedTuple):
+    """The derivative of the sum of samples in some leaves of (tables, run): a `linear.Pair`."""
+
+    plan: Plan
+    structure: Any  # of (tables, run)
+    size: tuple[int, int]
+    x: Shapes  # of the moved leaves
+    moved: tuple[int, ...]  # their numbers
+    attached: bool
+
+    @property
+    def together(self) -> tuple[int, int]:
+        return TOGETHER
+
+    @property
+    def y(self) -> Shapes:
+        return (jax.ShapeDtypeStruct((self.size[1], self.size[0], 3), self.x[0].dtype),)
+
+    def forward(self, constants: Leaves, changes: Leaves) -> Leaves:
+        return [draw_packets(self._tangent, (constants, changes), self.size, self.plan)]
+
+    def transpose(self, constants: Leaves, picture: Leaves) -> Leaves:
+        plan = _backwards(self.plan, self.x)
+        nothing = [jnp.zeros(value.shape, value.dtype) for value in self.x]
+        operands = constants, packets_of(picture[0], plan)
+        return sum_packets(partial(self._cotangent, plan), operands, nothing, self.size, plan)
+
+    def _lanes(self, plan: Plan, constants: Leaves, sample: Array, packet: Array, values: Leaves) -> Array:
+        """Return the packet's radiance, with new values of the moved leaves."""
+        leaves = list(constants)
+        for i, value in zip(self.moved, values, strict=True):
+            leaves[i] = value
+        tables, run = jax.tree.unflatten(self.structure, leaves)
+        return sample_packet(plan, tables, run, sample, packet, self.attached)
+
+    def _tangent(self, operands: tuple[Leaves, Leaves], packet: Array) -> Array:
+        constants, changes = operands
+        values = [constants[i] for i in self.moved]
+        run: Run = jax.tree.unflatten(self.structure, constants)[1]
+
+        def add_sample(sample: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
+            one = partial(self._lanes, self.plan, constants, sample, packet)
+            return kahan_add(*sums, jax.jvp(one, [values], [changes])[1])
+
+        nothing = jnp.zeros((self.plan.lanes, 3), values[0].dtype)
+        return lax.fori_loop(run.first, run.end, add_sample, (nothing, nothing))[0]
+
+    def _cotangent(self, plan: Plan, operands: tuple[Leaves, Array], packet: Array) -> Leaves:
+        constants, weights = operands
+        values = [constants[i] for i in self.moved]
+        run: Run = jax.tree.unflatten(self.structure, constants)[1]
+
+        def add_sample(sample: Array, sums: list[Leaves]) -> list[Leaves]:
+            _, pull = jax.vjp(partial(self._lanes, plan, constants, sample, packet), values)
+            return kahan_add_all(sums, pull(weights[packet])[0])
+
+        nothing = [jnp.zeros_like(value) for value in values]
+        return lax.fori_loop(run.first, run.end, add_sample, [nothing, nothing])[0]
+
+
+def _backwards(plan: Plan, shapes: Shapes) -> Plan:
+    """Return the plan by which derivatives in leaves of these shapes are drawn backwards.
+
+    Each sample of a packet runs over the leaves as a whole, so that large ones want few packets.
+    """
+    large = sum(math.prod(leaf.shape) for leaf in shapes) > LARGE
+    return plan._replace(tile=WIDE_TILE) if large and plan.lanes < math.prod(WIDE_TILE) else plan
+
+
+def _packet_sum(plan: Plan, operands: tuple[Tables, Run], packet: Array) -> Array:
+    """Return the sums of the packet's samples in parts (lanes, 3, 3): within blocks rounded, of blocks exact."""
+    tables, run = operands
+    nothing = jnp.zeros((plan.lanes, 3), tables.camera.position.dtype)
+
+    def add_sample(sample: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
+        return kahan_add(*sums, sample_packet(plan, tables, run, sample, packet))
+
+    def add_block(block: Array, parts: Parts) -> Parts:
+        first, end = jnp.maximum(block * BLOCK, run.first), jnp.minimum((block + 1) * BLOCK, run.end)
+        return add_exactly(parts, lax.fori_loop(first, end, add_sample, (nothing, nothing))[0])
+
+    blocks = run.first // BLOCK, -(-run.end // BLOCK)
+    return jnp.stack(lax.fori_loop(*blocks, add_block, (nothing, nothing, nothing)), -1)
+
+
+def _size(tables: Tables) -> tuple[int, int]:
+    return tables.camera.width, tables.camera.height

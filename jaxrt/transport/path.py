@@ -1,0 +1,173 @@
+"""The radiance along one camera ray: a walk of `max_depth` scattering events, with light sampling at diffuse ones."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+from jax.ad_checkpoint import checkpoint_name
+
+from jaxrt.cameras import CameraFrame, camera_frame
+from jaxrt.core.maths import dot, face_forward
+from jaxrt.core.pytree import pytree, static
+from jaxrt.core.records import Hit, Ray, SurfacePoint
+from jaxrt.kernels.native import once
+from jaxrt.lights import LightTable, emitted_radiance, light_table, sample_light, sample_light_attached
+from jaxrt.materials import Materials, scatter
+from jaxrt.scene import Scene
+from jaxrt.shapes import Geometry, Spheres, find, geometry_of, leave, occluded, surface_point
+
+_KEPT = "kept"  # name of what derivatives backwards keep of an event
+Numbers = Callable[[int | Array], tuple[Array, Array, Array, Array]]  # decision block -> four numbers in [0, 1)
+
+
+@pytree
+class Tables:
+    """The scene as the kernel reads it: derived once per render, differentiable in the scene."""
+
+    camera: CameraFrame
+    geometry: Geometry  # spheres, then sphere lights, then triangles
+    occluders: Geometry  # what blocks shadow rays: a scene's only light cannot block its own
+    materials: Materials
+    lights: LightTable | None
+    environment: Array | None  # (3,)
+    first_light: int = static()  # sphere row of the first sphere light
+
+
+@pytree
+class Walk:
+    """A path under way."""
+
+    ray: Ray
+    throughput: Array  # (3,)
+    radiance: Array  # (3,) gathered so far
+    specular: Array  # () bool: the ray comes from the camera, a mirror or glass, so that it may see sphere lights
+
+
+def tables_of(scene: Scene) -> Tables:
+    """Return the tables of a scene."""
+    lights = scene.lights
+    alone = lights is not None and lights.position.shape[0] == 1
+    geometry = geometry_of(_with_light_spheres(scene), scene.triangles)
+    return Tables(
+        camera=camera_frame(scene.camera),
+        geometry=geometry,
+        occluders=lax.stop_gradient(geometry_of(scene.spheres, scene.triangles) if alone else geometry),
+        materials=scene.materials,
+        lights=None if lights is None else light_table(lights),
+        environment=scene.environment,
+        first_light=0 if scene.spheres is None else scene.spheres.radius.shape[0],
+    )
+
+
+def _with_light_spheres(scene: Scene) -> Spheres | None:
+    """Return the spheres followed by the sphere lights, whose material rows follow those of the materials.
+
+    The lights carry no derivative here: where a ray meets one does not matter, for it shines alike everywhere.
+    """
+    lights, spheres = lax.stop_gradient(scene.lights), scene.spheres
+    if lights is None or lights.radius is None:
+        return spheres
+    power = jnp.sum(lights.position * lights.position, -1) - lights.radius * lights.radius
+    rows = sum(scene.materials.counts) + jnp.arange(lights.radius.shape[0], dtype=jnp.int32)
+    if spheres is None:
+        return Spheres(lights.position, lights.radius, power, rows)
+    return Spheres(
+        jnp.concatenate([spheres.center, lights.position]),
+        jnp.concatenate([spheres.radius, lights.radius]),
+        jnp.concatenate([spheres.power, power]),
+        jnp.concatenate([spheres.material, rows]),
+    )
+
+
+def radiance(tables: Tables, ray: Ray, numbers: Numbers, max_depth: int, unroll: bool, attached: bool = False) -> Array:
+    """Return the radiance (3,) that comes in along a camera ray, in W·sr⁻¹·m⁻².
+
+    numbers: block k gives the four numbers of event k (light pair, direction pair); block 0 belongs to the camera.
+    unroll: all events in a row, or one event in a scan: the same numbers, another program.
+    attached: draw light samples whose derivatives in light, shapes and camera are right and of bounded variance.
+    """
+    ones = jnp.ones_like(ray.origin)
+    walk = Walk(ray, ones, jnp.zeros_like(ones), jnp.ones((), bool))
+    if tables.geometry.spheres is None and tables.geometry.triangles is None:
+        return ones * 0 if tables.environment is None else tables.environment
+    if unroll:
+        for k in range(1, max_depth + 1):
+            walk = _event(tables, walk, numbers(k), attached)
+    else:
+        # Of each event, derivatives backwards keep the walk, what was hit and two numbers, and compute the rest again
+        @partial(jax.checkpoint, policy=jax.checkpoint_policies.save_only_these_names(_KEPT), prevent_cse=False)
+        def event(walk: Walk, k: Array) -> tuple[Walk, None]:
+            return _event(tables, walk, numbers(k), attached), None
+
+        walk, _ = lax.scan(event, walk, jnp.arange(1, max_depth + 1))
+    return last_look(tables, walk)
+
+
+def _event(tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array], attached: bool) -> Walk:
+    """Return the path one scattering event on."""
+    hit = checkpoint_name(once(find)(tables.geometry, walk.ray), _KEPT)
+    return event_at(tables, walk, hit, once(surface_point)(tables.geometry, walk.ray, hit), u, attached)
+
+
+def event_at(
+    tables: Tables, walk: Walk, hit: Hit, point: SurfacePoint, u: tuple[Array, ...], attached: bool = False
+) -> Walk:
+    """Return the path after its event at the point where its ray meets what it hits. u: four numbers in [0, 1)."""
+    walk = _see(tables, walk, hit)
+    wo = -walk.ray.direction
+    choice = checkpoint_name((u[2], u[3]), _KEPT)
+    scattering = once(scatter)(tables.materials, point.material, point.shading, wo, choice)
+    gathered = walk.radiance
+    # Sample direct light
+    if tables.lights is not None and scattering.albedo is not None:
+        lit = hit.valid & scattering.diffuse
+        direct = _direct(tables, point, face_forward(point.shading, wo), u[:2], attached, lit)
+        gathered = gathered + jnp.where(lit, walk.throughput * scattering.albedo * direct, 0)
+    # Go on
+    throughput = jnp.where(hit.valid, walk.throughput * scattering.weight, 0)
+    return Walk(once(leave)(point, scattering.direction), throughput, gathered, scattering.specular)
+
+
+def _direct(
+    tables: Tables, point: SurfacePoint, facing: Array, u: tuple[Array, ...], attached: bool, wanted: Array
+) -> Array:
+    """Return the light (3,) that one light sample brings to a diffuse point, to be multiplied by its albedo.
+
+    wanted: () bool; where not, nothing is looked for.
+    """
+    assert tables.lights is not None
+    sample_one = sample_light_attached if attached else sample_light
+    sample = once(sample_one)(tables.lights, point.position, (u[0], u[1]))
+    cosine = dot(facing, sample.direction)
+    crowd = tables.lights.pick is not None and tables.lights.lights.radius is not None
+    skip = tables.first_light + sample.light if crowd else None
+    # The ray starts up to `error` nearer to the light than the point
+    reach = jnp.where(wanted & (cosine > 0), sample.distance - point.error, 0)
+    blocked = occluded(tables.occluders, once(leave)(point, sample.direction), reach, skip)
+    return jnp.where(blocked | (cosine <= 0), 0, sample.irradiance * (cosine / jnp.pi))
+
+
+def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
+    """Return the walk with the light added that its ray runs into: the environment, or a sphere light's outside."""
+    seen = jnp.zeros_like(walk.radiance)
+    if tables.environment is not None:
+        seen = jnp.where(hit.valid, seen, tables.environment)
+    if tables.lights is not None and tables.lights.lights.radius is not None:
+        lights, light = tables.lights.lights, hit.index - tables.first_light
+        n = lights.position.shape[0]
+        hit_light = hit.valid & (light >= 0) & (light < n)
+        shining = once(emitted_radiance)(lights, jnp.clip(light, 0, n - 1), walk.ray.origin)
+        seen = jnp.where(hit_light & walk.specular, shining, seen)
+    return replace(walk, radiance=walk.radiance + walk.throughput * seen)
+
+
+def last_look(tables: Tables, walk: Walk) -> Array:
+    """Return the walk's radiance with what its last ray sees, where it can see anything at all."""
+    can_shine = tables.lights is not None and tables.lights.lights.radius is not None
+    specular = tables.materials.mirror is not None or tables.materials.glass is not None
+    if tables.environment is None and not (can_shine and specular):
+        return walk.radiance
+    return _see(tables, walk, once(find)(tables.geometry, walk.ray)).radiance
