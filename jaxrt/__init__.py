@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jaxrt.core.messages import SceneError, SceneWarning
+    from jaxrt.description.kinds import camera, light, material
     from jaxrt.gradcheck import gradcheck
     from jaxrt.io import load_image, load_mesh, load_scene, save_image
     from jaxrt.kernels.jacobian import jacobian_once
@@ -19,11 +20,14 @@ __all__ = [
     "SceneError",
     "SceneWarning",
     "build",
+    "camera",
     "gradcheck",
     "jacobian_once",
+    "light",
     "load_image",
     "load_mesh",
     "load_scene",
+    "material",
     "parameters",
     "render",
     "save_image",
@@ -37,6 +41,7 @@ _HOMES = {
     "io": ("load_image", "load_mesh", "load_scene", "save_image"),
     "kernels.jacobian": ("jacobian_once",),
     "core.messages": ("SceneError", "SceneWarning"),
+    "description.kinds": ("camera", "light", "material"),
     "scene.parameters": ("parameters", "with_parameters"),
     "render": ("render", "use_cpu_cores"),
     "scene": ("Scene", "build"),
