@@ -16,7 +16,7 @@ from jax import Array, lax
 from jaxrt.boundary.clearance import Anchors, EdgeSamples, LightPoints, ViewPoints
 from jaxrt.boundary.guiding import Draw, place, sample_guided
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, edge_table, rim_at
-from jaxrt.boundary.view import Projection, project
+from jaxrt.cameras import Projection, projection
 from jaxrt.core.maths import cross, dot, face_forward, normalize, safe_divide, safe_sqrt, unit_roundoff
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Ray, SurfacePoint
@@ -245,7 +245,7 @@ def _tilt(point: SurfacePoint, direction: Array) -> Array:
 
 def _connect(tables: Tables, point: SurfacePoint, facing: Array) -> tuple[Projection, Array]:
     """Return a point's image and pixels per area at right angles to the surface; 0 where the camera does not see it."""
-    view = project(tables.camera, point.position)
+    view = projection(tables.camera, point.position)
     away = tables.camera.position - point.position
     squared = dot(away, away)
     direction = normalize(away)
@@ -300,8 +300,7 @@ def _edge_samples(
 def _attached(operands: ShadowTables, receiver: Vertex, factor: Array) -> tuple[ViewPoints, Anchors]:
     """Return what the receiver's point depends on, seen at a fixed image point, times a factor (3,)."""
     camera, n = operands.tables.camera, receiver.point.normal
-    across, down = receiver.view.image[0] - camera.width / 2, receiver.view.image[1] - camera.height / 2
-    toward = across * camera.right - down * camera.up + camera.forward
+    toward = camera.toward((receiver.view.image[0], receiver.view.image[1]))
     slope = dot(n, toward)
     shown = jnp.sum(receiver.weight) > 0
     on_surface = jnp.where(shown, n * safe_divide(dot(factor, toward), slope), 0)

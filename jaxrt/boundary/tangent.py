@@ -20,7 +20,7 @@ def moving_edges(scene: Scene, seed: Array, plan: boundary.Plan) -> Array:
     seed: () uint32. What moves is read off the derivative that is asked for, whatever `plan` says of it: edges are not
     sampled unless they move. Raises ValueError where a second derivative is taken.
     """
-    return jnp.zeros((scene.camera.height, scene.camera.width, 3), scene.camera.position.dtype)
+    return jnp.zeros((scene.camera.height, scene.camera.width, 3), scene.dtype)
 
 
 @partial(moving_edges.defjvp, symbolic_zeros=True)

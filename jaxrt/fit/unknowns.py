@@ -75,7 +75,7 @@ class Unknowns(NamedTuple):
         """Return the vector (k,) of the scene's own values, kept a little inside the bounds."""
         values = parameters(scene)
         parts = [_free(row, np.asarray(row.selector.pick(values[row.selector.name])), self.length) for row in self.rows]
-        return np.concatenate(parts).astype(scene.camera.position.dtype)
+        return np.concatenate(parts).astype(scene.dtype)
 
     def apply(self, scene: Scene, vector: Array) -> Scene:
         """Return the scene with the values that the vector stands for: pure, differentiable in the vector."""

@@ -14,8 +14,8 @@ import numpy as np
 from jax import Array
 from jax.typing import DTypeLike
 
-from jaxrt.cameras import Camera
-from jaxrt.core.pytree import pytree, static
+from jaxrt.cameras import Pinhole
+from jaxrt.core.pytree import dtype_of, pytree, static
 from jaxrt.description import (
     CameraDescription,
     MaterialDescription,
@@ -40,7 +40,7 @@ WIDE = 1e3  # from that ratio on, rays lose a triangle over 1/3000 of the smalle
 class Scene:
     """What is there: a pytree of float arrays and integer topology. Kinds of things that are absent are None."""
 
-    camera: Camera
+    camera: Pinhole
     spheres: Spheres | None
     triangles: Triangles | None
     materials: Materials
@@ -51,6 +51,11 @@ class Scene:
     ior_order: Array | None  # (g,) int32 row among (glass, idle) of each ior
     origin: Array | None  # (3,) user's coordinates of this scene's origin; None: the same
     defaults: RenderDefaults = static()  # what `render` uses for spp and max_depth when not told
+
+    @property
+    def dtype(self) -> Any:
+        """The dtype of all its numbers."""
+        return dtype_of(self)
 
 
 @pytree
@@ -110,10 +115,10 @@ def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = 
     return scene if len(devices) == 1 else everywhere(scene, devices)
 
 
-def _camera(camera: CameraDescription, origin: np.ndarray, dtype: DTypeLike) -> Camera:
+def _camera(camera: CameraDescription, origin: np.ndarray, dtype: DTypeLike) -> Pinhole:
     position = np.asarray(camera.position, float)
     target = position + [0, 0, -1] if camera.target is None else np.asarray(camera.target, float)
-    return Camera(
+    return Pinhole(
         position=jnp.asarray(position - origin, dtype),
         target=jnp.asarray(target - origin, dtype),
         up=jnp.asarray(camera.up, dtype),

@@ -60,8 +60,7 @@ def with_parameters(scene: Scene, changes: Mapping[str, ArrayLike]) -> Scene:
             raise SceneError(f"{name}: the scene has no such parameter{nearest(name, old)}")
         if np.shape(value) != old[name].shape:
             raise SceneError(f"{name}: shape {np.shape(value)}, want {old[name].shape} as in parameters(scene)")
-    dtype = scene.camera.position.dtype
-    new = {name: jnp.asarray(value, dtype) for name, value in changes.items()}
+    new = {name: jnp.asarray(value, scene.dtype) for name, value in changes.items()}
     return _assign(scene, {name: value - _shift(scene, name, value) for name, value in new.items()})
 
 

@@ -159,7 +159,7 @@ def _backwards(plan: Plan, shapes: Shapes) -> Plan:
 def _packet_sum(plan: Plan, operands: tuple[Tables, Run], packet: Array) -> Array:
     """Return the sums of the packet's samples in parts (lanes, 3, 3): within blocks rounded, of blocks exact."""
     tables, run = operands
-    nothing = jnp.zeros((plan.lanes, 3), tables.camera.position.dtype)
+    nothing = jnp.zeros((plan.lanes, 3), tables.dtype)
 
     def add_sample(sample: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
         return kahan_add(*sums, sample_packet(plan, tables, run, sample, packet))

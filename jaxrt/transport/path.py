@@ -3,15 +3,16 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
 from jax.ad_checkpoint import checkpoint_name
 
-from jaxrt.cameras import CameraFrame, camera_frame
+from jaxrt.cameras import View, view_of
 from jaxrt.core.maths import dot, face_forward
-from jaxrt.core.pytree import pytree, static
+from jaxrt.core.pytree import dtype_of, pytree, static
 from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.kernels.native import once
 from jaxrt.lights import LightTable, emitted_radiance, light_table, sample_light, sample_light_attached
@@ -27,13 +28,18 @@ Numbers = Callable[[int | Array], tuple[Array, Array, Array, Array]]  # decision
 class Tables:
     """The scene as the kernel reads it: derived once per render, differentiable in the scene."""
 
-    camera: CameraFrame
+    camera: View
     geometry: Geometry  # spheres, then sphere lights, then triangles
     occluders: Geometry  # what blocks shadow rays: a scene's only light cannot block its own
     materials: Materials
     lights: LightTable | None
     environment: Array | None  # (3,)
     first_light: int = static()  # sphere row of the first sphere light
+
+    @property
+    def dtype(self) -> Any:
+        """The dtype of all numbers along the path."""
+        return dtype_of(self)
 
 
 @pytree
@@ -49,10 +55,10 @@ class Walk:
 def tables_of(scene: Scene) -> Tables:
     """Return the tables of a scene."""
     lights = scene.lights
-    alone = lights is not None and lights.position.shape[0] == 1
+    alone = lights is not None and lights.count == 1
     geometry = geometry_of(_with_light_spheres(scene), scene.triangles)
     return Tables(
-        camera=camera_frame(scene.camera),
+        camera=view_of(scene.camera),
         geometry=geometry,
         occluders=lax.stop_gradient(geometry_of(scene.spheres, scene.triangles) if alone else geometry),
         materials=scene.materials,
