@@ -21,7 +21,7 @@ from jax import Array, lax
 
 from jaxrt.cameras import view_of
 from jaxrt.core.pytree import pytree
-from jaxrt.lights import Lights
+from jaxrt.lights import Lights, casters_of
 from jaxrt.scene import Scene
 
 ONE_HOT_ROWS = 64  # tables up to this long are read by a product, whose transpose is one too
@@ -90,10 +90,9 @@ def splat(samples: EdgeSamples, change: Array, size: tuple[int, int]) -> Array:
 
 
 def _light_points(lights: Lights, points: LightPoints) -> Array:
-    center = _rows(lights.position, points.light)
-    if lights.radius is None:
-        return center
-    return center + _rows(lights.radius[:, None], points.light) * points.omega
+    places, radii, _ = casters_of(lights)
+    center = _rows(places, points.light)
+    return center if radii is None else center + _rows(radii[:, None], points.light) * points.omega
 
 
 def _view_points(scene: Scene, points: ViewPoints) -> Array:

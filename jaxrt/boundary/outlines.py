@@ -39,7 +39,12 @@ class OutlineTables:
 
 
 def camera_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
-    """Return samples of the outlines that the camera sees move: all of them, or those of sphere lights alone."""
+    """Return samples of the outlines that the camera sees move: all of them, or those of sphere lights alone.
+
+    None where the camera's rays start at many places: an outline is that of an eye.
+    """
+    if not scene.camera.is_central:
+        return ()
     tables = tables_of(scene)
     edges = edge_table(scene.triangles) if scene.triangles is not None and plan.geometry_moves else None
     outlines = Silhouettes(tables.geometry.spheres, edges)

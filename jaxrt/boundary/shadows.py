@@ -6,6 +6,7 @@ outline per unit of t; D = |q − y|). The receiver's cosine and distance cancel
 random walk, and each diffuse vertex shows it to the camera: the primal light tracing of that line source.
 """
 
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -28,7 +29,7 @@ from jaxrt.core.sampling import (
     sample_uniform_sphere,
 )
 from jaxrt.kernels.native import once
-from jaxrt.lights import LightTable
+from jaxrt.lights import Lights, LightTable, casters_of, intensity_toward
 from jaxrt.materials import scatter
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, leave, occluded, surface_point
@@ -93,7 +94,12 @@ class Vertex:
 
 
 def shadow_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
-    """Return samples of the edges of shadows; none where nothing can cast or show one."""
+    """Return samples of the edges of shadows; none where nothing can cast or show one.
+
+    Nor where they are not known: of lights that have no place, and for a camera that is not at one.
+    """
+    if not scene.camera.is_central or scene.lights is None or casters_of(scene.lights)[0].shape[0] == 0:
+        return ()
     tables = tables_of(scene)
     # A scene's only light cannot block itself
     spheres = tables.occluders.spheres
@@ -116,18 +122,18 @@ def bins_for(rows: int) -> int:
 def _weights(tables: Tables, outlines: Silhouettes, bins: int) -> Array:
     """Return weights (lights · rows · bins,): the angle that each bin spans times the light's power."""
     assert tables.lights is not None
-    lights = tables.lights.lights
-    reach = jnp.zeros_like(lights.position[:, 0]) if lights.radius is None else lights.radius
-    own = tables.first_light + jnp.arange(lights.position.shape[0])
+    places, radii, powers = casters_of(tables.lights.lights)
+    reach = jnp.zeros_like(places[:, 0]) if radii is None else radii
+    own = tables.first_light + jnp.arange(places.shape[0])
 
     def of_light(light: tuple[Array, Array, Array, Array]) -> Array:
-        position, reach, intensity, own = light
-        angles = angular_lengths(outlines, position, reach, False, bins)
+        place, reach, power, own = light
+        angles = angular_lengths(outlines, place, reach, False, bins)
         # A light casts no shadow of itself
         other = (jnp.arange(outlines.rows) != own) | (own >= outlines.spheres_count)
-        return jnp.where(jnp.repeat(other, bins), angles, 0) * jnp.sum(intensity)
+        return jnp.where(jnp.repeat(other, bins), angles, 0) * power
 
-    return lax.map(of_light, (lights.position, reach, lights.intensity, own)).ravel()
+    return lax.map(of_light, (places, reach, powers, own)).ravel()
 
 
 def _sample(plan: Plan, bins: int, operands: ShadowTables, draw: Draw) -> tuple[tuple[EdgeSamples, ...], Array]:
@@ -141,6 +147,7 @@ def _sample(plan: Plan, bins: int, operands: ShadowTables, draw: Draw) -> tuple[
     t = ((rest % bins).astype(placed.t.dtype) + placed.t) / bins
     source = once(partial(_light_point, tables.first_light))(tables.lights, outlines, light, row, t, draw.spread)
     rim = once(partial(rim_at, creases=False))(outlines, row, t, source.position)
+    source = _shone(tables.lights.lights, light, source, rim)
     density = placed.density * bins * draw.total
     carrier = once(_carrier)(source, rim, density)
     # Follow its light
@@ -165,8 +172,10 @@ def _light_point(
 ) -> LightPoint:
     """Return a point of a light, likelier on the side that faces an outline."""
     lights = table.lights
-    center, intensity = lights.position[light], lights.intensity[light]
-    if lights.radius is None:
+    places, radii, _ = casters_of(lights)
+    center = places[light]
+    intensity = jnp.zeros_like(center) if lights.position is None else lights.intensity[light]
+    if radii is None:
         return LightPoint(center, jnp.zeros_like(center), center, intensity)
     axis = normalize(_middle(outlines, row, t) - center)
     axis = jnp.where(dot(axis, axis) > 0, axis, jnp.zeros_like(axis).at[2].set(1))
@@ -178,10 +187,19 @@ def _light_point(
         sample_uniform_sphere((jnp.where(lobe, 0, jnp.minimum(u0[1], 1)), u[1])),
     )
     pdf = LOBE * pdf_cosine_hemisphere(dot(omega, axis)) + (1 - LOBE) * pdf_uniform_sphere()
-    radius = lights.radius[light]
+    radius = radii[light]
     position = center + radius * omega
     rounding = 32 * unit_roundoff(center) * (jnp.sum(jnp.abs(center)) + radius)
     return LightPoint(position, omega, position + rounding * omega, intensity / pdf)
+
+
+def _shone(lights: Lights, light: Array, source: LightPoint, rim: Rim) -> LightPoint:
+    """Return the point of a light with what shines past an outline, where that depends on where it is."""
+    if not lights.others:
+        return source
+    sphere = light < (0 if lights.position is None else lights.position.shape[0])
+    shine = jnp.where(sphere, source.shine, intensity_toward(lights, light, rim.point))
+    return replace(source, omega=jnp.where(sphere, source.omega, 0), shine=shine)
 
 
 def _middle(outlines: Silhouettes, row: Array, t: Array) -> Array:

@@ -3,27 +3,31 @@
 Lights are numbered by kind: the spherical ones (a point has radius 0), then those of other kinds.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
+from jax.typing import DTypeLike
 
+from jaxrt.core.maths import dot
 from jaxrt.core.pytree import pytree, static
 from jaxrt.core.records import LightSample
+from jaxrt.description.kinds import LIGHTS
 from jaxrt.kernels.gather import take
 from jaxrt.lights.interface import Pair, picked
 from jaxrt.lights.pick import pick, shares_of
-from jaxrt.lights.sphere import Sphere
 
 __all__ = [
     "LightTable",
     "Lights",
-    "Sphere",
     "emitted_radiance",
+    "intensity_toward",
     "light_table",
+    "lights_of",
     "pick",
     "places_of",
     "sample_light",
@@ -32,13 +36,16 @@ __all__ = [
     "sky_radiance",
 ]
 
+LIGHTS.load("sphere")
+_SPHERE = LIGHTS.kinds["sphere"]
+
 
 @pytree
 class Lights:
     """All lights of a scene. `radius` is None when every spherical light is a point, all three when there is none."""
 
-    position: Array | None  # (n, 3) scene units
-    intensity: Array | None  # (n, 3) W·sr⁻¹
+    position: Any  # (n, 3) scene units
+    intensity: Any  # (n, 3) W·sr⁻¹
     radius: Array | None  # (n,) scene units, >= 0
     others: tuple[Any, ...] = ()  # of each other kind that is there, a row a light
     rows: tuple[int, ...] = static(default=())  # how many these are
@@ -47,14 +54,34 @@ class Lights:
     def kinds(self) -> tuple[tuple[Any, int], ...]:
         """Each kind that is there, and its number of lights."""
         others = tuple(zip(self.others, self.rows, strict=True))
-        if self.position is None or self.intensity is None:
+        if self.position is None:
             return others
-        return (Sphere(self.position, self.intensity, self.radius), self.position.shape[0]), *others
+        return (self.spheres, self.position.shape[0]), *others
+
+    @property
+    def spheres(self) -> Any:
+        """The spherical lights."""
+        return _SPHERE.cls(self.position, self.intensity, self.radius)
 
     @property
     def count(self) -> int:
         """Number of lights."""
         return sum(n for _, n in self.kinds)
+
+
+def lights_of(tables: Sequence[Any], dtype: DTypeLike, origin: np.ndarray) -> Lights | None:
+    """Return the lights that tables of the scene file describe; places are counted from the origin."""
+    found: dict[str, list[Any]] = {name: [] for name in LIGHTS.kinds}
+    for table in tables:
+        found[table.type].append(table)
+    kinds = {name: LIGHTS.kinds[name].stack(those, dtype, origin) for name, those in found.items() if those}
+    own = kinds.pop(_SPHERE.name, None)
+    points = own is None or not any(table.radius for table in found[_SPHERE.name])
+    ours = (None, None, None) if own is None else (own.position, own.intensity, None if points else own.radius)
+    # Those that cast shadows of known edges come first
+    names = sorted(kinds, key=lambda name: not hasattr(kinds[name], "position"))
+    others, rows = tuple(kinds[name] for name in names), tuple(len(found[name]) for name in names)
+    return Lights(ours[0], ours[1], ours[2], others, rows) if tables else None
 
 
 @pytree
@@ -82,8 +109,8 @@ def powers_of(lights: Lights) -> Array:
 
 
 def _powers(kind: Any, n: int) -> Array | None:
-    if isinstance(kind, Sphere):
-        return kind.power()
+    if isinstance(kind, _SPHERE.cls):
+        return jnp.sum(kind.intensity, -1)  # of all rows at once
     return lax.map(lambda i: _row(kind, i).power(), jnp.arange(n)) if hasattr(kind, "power") else None
 
 
@@ -104,7 +131,8 @@ def _sample(table: LightTable, point: Array, u: Pair, attached: bool) -> LightSa
         one = _row(kind, light if len(table.lights.kinds) == 1 else jnp.clip(light - first, 0, n - 1))
         sample = picked(one, point, (u0, u[1]), share, attached)
         found = sample if found is None else jax.tree.map(partial(jnp.where, light >= first), sample, found)
-    return LightSample(*found, light)
+    direction, distance, irradiance = found
+    return LightSample(direction, distance, irradiance, light)
 
 
 def _numbered(lights: Lights) -> Iterator[tuple[Any, int, int]]:
@@ -121,8 +149,37 @@ def _row(kind: Any, row: Array) -> Any:
 
 def emitted_radiance(lights: Lights, light: Array, eye: Array) -> Array:
     """Return the radiance (3,) W·sr⁻¹·m⁻² that a point `eye` sees of sphere light number `light`: 0 from inside."""
-    assert lights.position is not None and lights.intensity is not None
-    return _row(Sphere(lights.position, lights.intensity, lights.radius), light).radiance(eye)
+    return _row(lights.spheres, light).radiance(eye)
+
+
+def casters_of(lights: Lights) -> tuple[Array, Array | None, Array]:
+    """Return places (m, 3), radii (m,), if any is not 0, and powers (m,) of the first lights: those that have a place.
+
+    What the shadows of other lights do has no known edges.
+    """
+    placed = [(kind, n) for kind, n in lights.kinds if hasattr(kind, "position")]
+    if not placed:
+        return jnp.zeros((0, 3)), None, jnp.zeros(0)
+    others = sum(n for kind, n in placed if not isinstance(kind, _SPHERE.cls))
+    places = _joined([kind.position for kind, _ in placed])
+    radii = None if lights.radius is None else _joined([lights.radius, *([jnp.zeros(others)] if others else [])])
+    return places, radii, powers_of(lights)[: places.shape[0]]
+
+
+def _joined(parts: Sequence[Array]) -> Array:
+    return parts[0] if len(parts) == 1 else jnp.concatenate([part.astype(parts[0].dtype) for part in parts])
+
+
+def intensity_toward(lights: Lights, light: Array, point: Array) -> Array:
+    """Return the intensity (3,) W·sr⁻¹ of a light that has a place and is no sphere, in the direction of a point."""
+    intensity, half = jnp.zeros_like(point), jnp.full((), 0.5, point.dtype)
+    for kind, first, n in _numbered(lights):
+        if hasattr(kind, "position") and not isinstance(kind, _SPHERE.cls):
+            one = _row(kind, jnp.clip(light - first, 0, n - 1))
+            away = point - one.position
+            irradiance = one.sample(point, (half, half))[2]
+            intensity = jnp.where(light >= first, irradiance * dot(away, away), intensity)
+    return intensity
 
 
 def shines_from_afar(lights: Lights | None) -> bool:

@@ -5,29 +5,52 @@ gives the irradiance I · 2/(d² (1 + √(1 − s²))), s = r/d: finite at r = 0
 cancellation in 1 − cosθ_max that breaks small lights.
 """
 
+import math
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
+from pydantic import model_validator
 
 from jaxrt.core.maths import dot, normalize, safe_divide, safe_sqrt, unit_roundoff
-from jaxrt.core.pytree import pytree
 from jaxrt.core.sampling import cone_of_sphere, pdf_visible_cap, sample_cone, sample_visible_cap
+from jaxrt.description import values
+from jaxrt.description.fields import LightRadius, Place, Rgb
+from jaxrt.description.kinds import light
 from jaxrt.lights.interface import Pair, Sample
 
 
-@pytree
+@light
 class Sphere:
-    """A point light (radius 0) or a spherical one. `radius` is None where every light is a point."""
+    """A point light (radius 0) or a spherical light; intensity in W/sr."""
 
-    position: Array  # (3,) scene units
-    intensity: Array  # (3,) W·sr⁻¹
-    radius: Array | None  # () scene units, >= 0
+    position: Place  # (3,) scene units
+    intensity: Rgb  # (3,) W·sr⁻¹
+    radius: LightRadius = 0.0  # () scene units, >= 0; None where every light is a point
+
+    class Table(values.Table):
+        """Its table, further checked."""
+
+        @model_validator(mode="after")
+        def _check_radiance(self) -> Any:
+            intensity, radius = self.intensity, self.radius  # type: ignore[attr-defined]
+            if radius and max(intensity) / (math.pi * radius**2) > values.BRIGHTEST_SURFACE:
+                raise values.complaint(f"{radius} makes the radiance too large for float32: use 0", "radius")
+            return self
+
+    @property
+    def is_delta(self) -> bool:
+        """Whether no ray can hit it."""
+        return self.radius is None
 
     def power(self) -> Array:
         """Sum of the channels."""
         return jnp.sum(self.intensity, -1)
+
+    def sample(self, point: Array, u: Pair) -> Sample:
+        """Return direction, distance and irradiance of the light, as seen from a point."""
+        return self.picked(point, u, jnp.ones_like(u[0]))
 
     def picked(self, point: Array, u: Pair, share: Array) -> Sample:
         """Return one direction, for a sphere uniform in the cone it fills. A point inside gets nothing from it."""

@@ -14,10 +14,8 @@ import numpy as np
 from jax import Array
 from jax.typing import DTypeLike
 
-from jaxrt.cameras import Pinhole
 from jaxrt.core.pytree import dtype_of, pytree, static
 from jaxrt.description import (
-    CameraDescription,
     MaterialDescription,
     RenderDefaults,
     SceneDescription,
@@ -26,9 +24,10 @@ from jaxrt.description import (
     parse_description,
     show,
 )
+from jaxrt.description.kinds import CAMERAS
 from jaxrt.description.mesh_facts import weld
 from jaxrt.kernels.native import default_devices, everywhere
-from jaxrt.lights import Lights
+from jaxrt.lights import Lights, lights_of
 from jaxrt.materials import Diffuse, Glass, Materials, Mirror
 from jaxrt.scene.checks import check_memory, warnings_of
 from jaxrt.shapes import Spheres, Triangles, mesh_edges, topology_of
@@ -40,7 +39,7 @@ WIDE = 1e3  # from that ratio on, rays lose a triangle over 1/3000 of the smalle
 class Scene:
     """What is there: a pytree of float arrays and integer topology. Kinds of things that are absent are None."""
 
-    camera: Pinhole
+    camera: Any  # a kind of camera, of one row
     spheres: Spheres | None
     triangles: Triangles | None
     materials: Materials
@@ -99,11 +98,11 @@ def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = 
     listed = _listed(description, dtype)
     environment = description.environment
     scene = Scene(
-        camera=_camera(description.camera, origin, dtype),
+        camera=CAMERAS.kind_of(description.camera).single(description.camera, dtype, origin),
         spheres=_spheres(description, listed.rows, origin, dtype),
         triangles=_triangles(description, listed.rows, origin, dtype),
         materials=listed.materials,
-        lights=_lights(description, origin, dtype),
+        lights=lights_of(description.lights, dtype, origin),
         environment=None if environment is None else jnp.asarray(environment.radiance, dtype),
         idle=listed.idle,
         albedo_order=listed.albedo_order,
@@ -113,19 +112,6 @@ def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = 
     )
     devices = default_devices()
     return scene if len(devices) == 1 else everywhere(scene, devices)
-
-
-def _camera(camera: CameraDescription, origin: np.ndarray, dtype: DTypeLike) -> Pinhole:
-    position = np.asarray(camera.position, float)
-    target = position + [0, 0, -1] if camera.target is None else np.asarray(camera.target, float)
-    return Pinhole(
-        position=jnp.asarray(position - origin, dtype),
-        target=jnp.asarray(target - origin, dtype),
-        up=jnp.asarray(camera.up, dtype),
-        fov=jnp.asarray(camera.fov, dtype),
-        width=camera.width,
-        height=camera.height,
-    )
 
 
 class _Listed(NamedTuple):
@@ -227,12 +213,3 @@ def _smooth(scene: SceneDescription, vertices: np.ndarray, faces: np.ndarray) ->
     # Meshes share no normals, even where they touch
     numbers = np.where(smooth[:, None], weld(vertices)[faces] + len(vertices) * own[:, None], flat[:, None])
     return jnp.asarray(np.unique(numbers, return_inverse=True)[1].reshape(-1, 3), jnp.int32)
-
-
-def _lights(scene: SceneDescription, origin: np.ndarray, dtype: DTypeLike) -> Lights | None:
-    if not scene.lights:
-        return None
-    position = np.asarray([light.position for light in scene.lights], float) - origin
-    intensity = jnp.asarray([light.intensity for light in scene.lights], dtype)
-    radius = np.asarray([light.radius for light in scene.lights], float)
-    return Lights(jnp.asarray(position, dtype), intensity, jnp.asarray(radius, dtype) if radius.any() else None)

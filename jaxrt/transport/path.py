@@ -15,7 +15,15 @@ from jaxrt.core.maths import dot, face_forward
 from jaxrt.core.pytree import dtype_of, pytree, static
 from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.kernels.native import once
-from jaxrt.lights import LightTable, emitted_radiance, light_table, sample_light, sample_light_attached
+from jaxrt.lights import (
+    LightTable,
+    emitted_radiance,
+    light_table,
+    sample_light,
+    sample_light_attached,
+    shines_from_afar,
+    sky_radiance,
+)
 from jaxrt.materials import Materials, scatter
 from jaxrt.scene import Scene
 from jaxrt.shapes import Geometry, Spheres, find, geometry_of, leave, occluded, surface_point
@@ -98,7 +106,9 @@ def radiance(tables: Tables, ray: Ray, numbers: Numbers, max_depth: int, unroll:
     ones = jnp.ones_like(ray.origin)
     walk = Walk(ray, ones, jnp.zeros_like(ones), jnp.ones((), bool))
     if tables.geometry.spheres is None and tables.geometry.triangles is None:
-        return ones * 0 if tables.environment is None else tables.environment
+        sky = ones * 0 if tables.environment is None else tables.environment
+        lights = None if tables.lights is None else tables.lights.lights
+        return sky + sky_radiance(lights, ray.direction) if lights and shines_from_afar(lights) else sky
     if unroll:
         for k in range(1, max_depth + 1):
             walk = _event(tables, walk, numbers(k), attached)
@@ -157,10 +167,14 @@ def _direct(
 
 
 def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
-    """Return the walk with the light added that its ray runs into: the environment, or a sphere light's outside."""
+    """Return the walk with the light added that its ray runs into: a sky, or a sphere light's outside."""
     seen = jnp.zeros_like(walk.radiance)
     if tables.environment is not None:
         seen = jnp.where(hit.valid, seen, tables.environment)
+    if tables.lights is not None and shines_from_afar(tables.lights.lights):
+        # After a diffuse event, light sampling has counted it
+        sky = once(sky_radiance)(tables.lights.lights, walk.ray.direction)
+        seen = seen + jnp.where(~hit.valid & walk.specular, sky, 0)
     if tables.lights is not None and tables.lights.lights.radius is not None:
         lights, light = tables.lights.lights, hit.index - tables.first_light
         n = lights.position.shape[0]
@@ -172,7 +186,8 @@ def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
 
 def last_look(tables: Tables, walk: Walk) -> Array:
     """Return the walk's radiance with what its last ray sees, where it can see anything at all."""
-    can_shine = tables.lights is not None and tables.lights.lights.radius is not None
+    lights = None if tables.lights is None else tables.lights.lights
+    can_shine = lights is not None and (lights.radius is not None or shines_from_afar(lights))
     specular = tables.materials.mirror is not None or tables.materials.glass is not None
     if tables.environment is None and not (can_shine and specular):
         return walk.radiance
