@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jaxrt.core.messages import SceneError, SceneWarning
+    from jaxrt.description.kinds import camera, light
     from jaxrt.gradcheck import gradcheck
     from jaxrt.io import load_image, load_mesh, load_scene, save_image
     from jaxrt.kernels.jacobian import jacobian_once
@@ -19,8 +20,10 @@ __all__ = [
     "SceneError",
     "SceneWarning",
     "build",
+    "camera",
     "gradcheck",
     "jacobian_once",
+    "light",
     "load_image",
     "load_mesh",
     "load_scene",
@@ -36,6 +39,7 @@ _HOMES = {
     "gradcheck": ("gradcheck",),
     "io": ("load_image", "load_mesh", "load_scene", "save_image"),
     "kernels.jacobian": ("jacobian_once",),
+    "description.kinds": ("camera", "light"),
     "core.messages": ("SceneError", "SceneWarning"),
     "scene.parameters": ("parameters", "with_parameters"),
     "render": ("render", "use_cpu_cores"),

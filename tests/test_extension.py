@@ -89,7 +89,9 @@ class Fisheye:
         x, y = image[0] - self.width / 2, image[1] - self.height / 2
         radius = jnp.sqrt(x * x + y * y + 1e-12)
         angle = radius / self.height * jnp.radians(self.fov)
-        return Ray(self.position, jnp.stack([jnp.sin(angle) * x / radius, -jnp.cos(angle), jnp.sin(angle) * y / radius]))
+        return Ray(
+            self.position, jnp.stack([jnp.sin(angle) * x / radius, -jnp.cos(angle), jnp.sin(angle) * y / radius])
+        )
 
     def project(self, point):
         x, y, z = point - self.position
@@ -150,7 +152,9 @@ def test_a_sky_and_a_sun_before_a_camera_of_parallel_rays():
     assert p["lights.zenith"].shape == (1, 3) and p["camera.scale"].shape == ()
 
     def left(values):
-        picture = jaxrt.render(jaxrt.with_parameters(scene, dict(zip(names, values, strict=True))), 0, spp=256, max_depth=1)
+        picture = jaxrt.render(
+            jaxrt.with_parameters(scene, dict(zip(names, values, strict=True))), 0, spp=256, max_depth=1
+        )
         return jnp.mean(picture[:, :4], (0, 1)), picture
 
     values = [p[name] for name in names]

@@ -54,7 +54,7 @@ def _grey(value: Any) -> Any:
 
 
 def _not_zero(value: tuple[float, ...]) -> tuple[float, ...]:
-    if not np.any(np.float32(value)):
+    if not np.any(np.asarray(value, np.float32)):
         raise complaint(f"{show(value)} is zero: use a direction such as [0, 1, 0]")
     return value
 

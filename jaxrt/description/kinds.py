@@ -41,7 +41,7 @@ class Kind(NamedTuple):
     """What is known of a kind."""
 
     name: str  # its type in scene files
-    cls: type  # pytree of rows, with the kind's behaviour
+    cls: Any  # pytree of rows, with the kind's behaviour
     table: type[Table]  # its table in scene files
     measures: dict[str, Measure]  # by field: its arrays
     settings: tuple[str, ...]  # other fields: part of the pytree's structure
@@ -117,15 +117,12 @@ class Family:
             cls.__annotations__[field], default = self._shared[field]
             setattr(cls, field, default)
         measures, settings, columns = self._fields(cls, name)
-        table = create_model(
-            cls.__name__,
-            __base__=getattr(cls, "Table", Table),
-            __doc__=cls.__doc__,
-            __module__=cls.__module__,
-            type=(Literal[name], name),
-            **columns,
+        base: Any = getattr(cls, "Table", Table)
+        columns = {"type": (Literal[name], name), **columns}
+        table: Any = create_model(
+            cls.__name__, __base__=base, __doc__=cls.__doc__, __module__=cls.__module__, **columns
         )
-        for field in columns:  # rows have no defaults
+        for field in (*measures, *settings):  # rows have no defaults
             if field in cls.__dict__:
                 delattr(cls, field)
         for field in settings:
@@ -138,7 +135,7 @@ class Family:
             raise TypeError(f"{self.word} {cls.__qualname__}: has no method {missing[0]}: define it")
         kind = Kind(name, pytree(cls), table, measures, settings)
         self._admit(kind)
-        kind.cls.Table, kind.cls.kind = table, kind  # type: ignore[attr-defined]
+        kind.cls.Table, kind.cls.kind = table, kind
         self._kinds[name] = kind
         return kind.cls
 

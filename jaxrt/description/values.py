@@ -30,9 +30,6 @@ EXAMPLES = {
     "vertices": "vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]",
     "intensity": "intensity = 3000",
     "radiance": "radiance = [1, 1, 1]",
-    "albedo": "albedo = [0.8, 0.8, 0.8]",
-    "ior": "ior = 1.5",
-    "type": 'type = "diffuse", "mirror" or "glass"',
 }
 
 

@@ -15,21 +15,14 @@ from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
 from jaxrt.description import SceneError
+from jaxrt.lights import casters_of
 from jaxrt.scene import Scene
+from jaxrt.scene.measures import measure
 from jaxrt.scene.parameters import parameters, with_parameters
 from jaxrt.scene.selectors import Selector
 
 Floats = NDArray[np.float64]
 
-KINDS = {
-    "materials.albedo": "fraction",
-    "camera.fov": "angle",
-    "materials.ior": "positive",
-    "lights.intensity": "positive",
-    "lights.radius": "positive",
-    "spheres.radius": "positive",
-    "environment.radiance": "positive",
-}
 EDGE = 0.02  # starts are kept this far inside the bounds, where the derivative is not yet lost
 HALF_TURN = 180.0  # degrees, the bound of a field of view
 
@@ -39,7 +32,7 @@ class Unknown(NamedTuple):
 
     selector: Selector
     text: str  # as the user wrote it
-    kind: str  # "place", "fraction", "positive" or "angle"
+    kind: str  # "place", "fraction", "positive", "angle" or "free"
     first: int
     shape: tuple[int, ...]
 
@@ -57,8 +50,7 @@ class Unknown(NamedTuple):
         """Return the name of each component."""
         if not self.shape:
             return [self.text]
-        axes = "rgb" if self.text.split("[")[0] in KINDS else "xyz"
-        return [f"{self.text}.{axis}" for axis in axes]
+        return [f"{self.text}.{axis}" for axis in measure(self.selector.name).axes]
 
 
 class Unknowns(NamedTuple):
@@ -103,7 +95,7 @@ class Unknowns(NamedTuple):
         for row in self.rows:
             value = np.asarray(bounded(row.kind, jnp.asarray(vector)[row.span], self.length), float)
             slope = {"fraction": value * (1 - value), "positive": value, "place": np.full_like(value, self.length)}
-            slope["angle"] = value * (1 - value / HALF_TURN)
+            slope |= {"angle": value * (1 - value / HALF_TURN), "free": np.ones_like(value)}
             parts.append(slope[row.kind])
         return np.concatenate(parts)
 
@@ -114,6 +106,8 @@ def bounded(kind: str, u: Array, length: float) -> Array:
         return jax.nn.sigmoid(u)
     if kind == "angle":
         return HALF_TURN * jax.nn.sigmoid(u)
+    if kind == "free":
+        return u
     return jnp.exp(u) if kind == "positive" else length * u
 
 
@@ -126,7 +120,7 @@ def _free(row: Unknown, value: Floats, length: float) -> Floats:
     if row.kind == "positive":
         largest = value.max() if value.max() > 0 else 1.0
         return np.log(np.maximum(value, EDGE * largest))
-    return value / length
+    return value if row.kind == "free" else value / length
 
 
 def unknowns_of(scene: Scene, selectors: Mapping[str, Selector]) -> Unknowns:
@@ -138,7 +132,7 @@ def unknowns_of(scene: Scene, selectors: Mapping[str, Selector]) -> Unknowns:
             raise SceneError(f"{text}: is named twice: name it once")
         seen.add(selector)
         shape = selector.pick(values[selector.name]).shape
-        row = Unknown(selector, text, KINDS.get(selector.name, "place"), first, shape)
+        row = Unknown(selector, text, measure(selector.name).range, first, shape)
         rows.append(row)
         first += row.size
     return Unknowns(tuple(rows), scene_length(scene))
@@ -146,18 +140,19 @@ def unknowns_of(scene: Scene, selectors: Mapping[str, Selector]) -> Unknowns:
 
 def scene_length(scene: Scene) -> float:
     """Return the diagonal of the box around camera, lights, triangles and all but huge spheres, in scene units."""
-    eye = np.asarray(scene.camera.position, float)
-    points: list[Floats] = [eye[None], np.asarray(scene.camera.target, float)[None]]
+    camera, eye = scene.camera, np.zeros(3) if scene.eye is None else np.asarray(scene.eye, float)
+    fields = [field for field, known in camera.kind.parameters.items() if known.range == "place"]
+    points: list[Floats] = [np.asarray(getattr(camera, field), float)[None] for field in fields]
     if scene.lights is not None:
-        points.append(np.asarray(scene.lights.position, float))
+        points.append(np.asarray(casters_of(scene.lights)[0], float))
     if scene.triangles is not None:
         points.append(np.asarray(scene.triangles.vertices, float))
     if scene.spheres is not None:
         center, radius = np.asarray(scene.spheres.center, float), np.asarray(scene.spheres.radius, float)[:, None]
         small = 2 * radius[:, 0] < np.linalg.norm(center - eye, axis=1)
         points += [(center - radius)[small], (center + radius)[small]]
-    box = np.concatenate(points)
-    return float(np.linalg.norm(box.max(axis=0) - box.min(axis=0)))
+    box = np.concatenate(points or [eye[None]])
+    return float(np.linalg.norm(box.max(axis=0) - box.min(axis=0))) or 1.0
 
 
 def all_rows(texts: Sequence[str], scene: Scene) -> list[str]:

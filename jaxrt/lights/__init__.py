@@ -4,8 +4,9 @@ Lights are numbered by kind: the spherical ones (a point has radius 0), then tho
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeGuard
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +14,7 @@ import numpy as np
 from jax import Array, lax
 from jax.typing import DTypeLike
 
-from jaxrt.core.maths import dot
+from jaxrt.core.maths import dot, safe_divide
 from jaxrt.core.pytree import pytree, static
 from jaxrt.core.records import LightSample
 from jaxrt.description.kinds import LIGHTS
@@ -30,8 +31,10 @@ __all__ = [
     "lights_of",
     "pick",
     "places_of",
+    "row_of",
     "sample_light",
     "sample_light_attached",
+    "share_of",
     "shines_from_afar",
     "sky_radiance",
 ]
@@ -63,6 +66,23 @@ class Lights:
         """The spherical lights."""
         return _SPHERE.cls(self.position, self.intensity, self.radius)
 
+    def numbered(self) -> Iterator[tuple[Any, int, int]]:
+        """Yield each kind that is there, the number of its first light, and how many it has."""
+        first = 0
+        for kind, n in self.kinds:
+            yield kind, first, n
+            first += n
+
+    def skies(self) -> Iterator[tuple[Any, int, int]]:
+        """Yield the kinds that a ray sees which meets nothing, as `numbered` does."""
+        yield from ((kind, *rows) for kind, *rows in self.numbered() if not (_is_sphere(kind) or kind.is_delta))
+
+    def replaced(self, old: Any, new: Any) -> "Lights":
+        """Return the lights with the rows of one kind exchanged."""
+        if _is_sphere(new):
+            return replace(self, position=new.position, intensity=new.intensity, radius=new.radius)
+        return replace(self, others=tuple(new if kind is old else kind for kind in self.others))
+
     @property
     def count(self) -> int:
         """Number of lights."""
@@ -82,6 +102,10 @@ def lights_of(tables: Sequence[Any], dtype: DTypeLike, origin: np.ndarray) -> Li
     names = sorted(kinds, key=lambda name: not hasattr(kinds[name], "position"))
     others, rows = tuple(kinds[name] for name in names), tuple(len(found[name]) for name in names)
     return Lights(ours[0], ours[1], ours[2], others, rows) if tables else None
+
+
+def _is_sphere(kind: Any) -> bool:
+    return isinstance(kind, _SPHERE.cls)
 
 
 @pytree
@@ -109,9 +133,9 @@ def powers_of(lights: Lights) -> Array:
 
 
 def _powers(kind: Any, n: int) -> Array | None:
-    if isinstance(kind, _SPHERE.cls):
+    if _is_sphere(kind):
         return jnp.sum(kind.intensity, -1)  # of all rows at once
-    return lax.map(lambda i: _row(kind, i).power(), jnp.arange(n)) if hasattr(kind, "power") else None
+    return lax.map(lambda i: row_of(kind, i).power(), jnp.arange(n)) if hasattr(kind, "power") else None
 
 
 def sample_light(table: LightTable, point: Array, u: Pair) -> LightSample:
@@ -127,29 +151,22 @@ def sample_light_attached(table: LightTable, point: Array, u: Pair) -> LightSamp
 def _sample(table: LightTable, point: Array, u: Pair, attached: bool) -> LightSample:
     light, share, u0 = pick(table.pick, u[0])
     found: Any = None
-    for kind, first, n in _numbered(table.lights):
-        one = _row(kind, light if len(table.lights.kinds) == 1 else jnp.clip(light - first, 0, n - 1))
+    for kind, first, n in table.lights.numbered():
+        one = row_of(kind, light if len(table.lights.kinds) == 1 else jnp.clip(light - first, 0, n - 1))
         sample = picked(one, point, (u0, u[1]), share, attached)
         found = sample if found is None else jax.tree.map(partial(jnp.where, light >= first), sample, found)
     direction, distance, irradiance = found
     return LightSample(direction, distance, irradiance, light)
 
 
-def _numbered(lights: Lights) -> Iterator[tuple[Any, int, int]]:
-    """Yield each kind, the number of its first light, and how many it has."""
-    first = 0
-    for kind, n in lights.kinds:
-        yield kind, first, n
-        first += n
-
-
-def _row(kind: Any, row: Array) -> Any:
+def row_of(kind: Any, row: Array) -> Any:
+    """Return one light of a kind."""
     return jax.tree.map(lambda field: take(field, row), kind)
 
 
 def emitted_radiance(lights: Lights, light: Array, eye: Array) -> Array:
     """Return the radiance (3,) W·sr⁻¹·m⁻² that a point `eye` sees of sphere light number `light`: 0 from inside."""
-    return _row(lights.spheres, light).radiance(eye)
+    return row_of(lights.spheres, light).radiance(eye)
 
 
 def casters_of(lights: Lights) -> tuple[Array, Array | None, Array]:
@@ -160,7 +177,7 @@ def casters_of(lights: Lights) -> tuple[Array, Array | None, Array]:
     placed = [(kind, n) for kind, n in lights.kinds if hasattr(kind, "position")]
     if not placed:
         return jnp.zeros((0, 3)), None, jnp.zeros(0)
-    others = sum(n for kind, n in placed if not isinstance(kind, _SPHERE.cls))
+    others = sum(n for kind, n in placed if not _is_sphere(kind))
     places = _joined([kind.position for kind, _ in placed])
     radii = None if lights.radius is None else _joined([lights.radius, *([jnp.zeros(others)] if others else [])])
     return places, radii, powers_of(lights)[: places.shape[0]]
@@ -173,28 +190,40 @@ def _joined(parts: Sequence[Array]) -> Array:
 def intensity_toward(lights: Lights, light: Array, point: Array) -> Array:
     """Return the intensity (3,) W·sr⁻¹ of a light that has a place and is no sphere, in the direction of a point."""
     intensity, half = jnp.zeros_like(point), jnp.full((), 0.5, point.dtype)
-    for kind, first, n in _numbered(lights):
-        if hasattr(kind, "position") and not isinstance(kind, _SPHERE.cls):
-            one = _row(kind, jnp.clip(light - first, 0, n - 1))
+    for kind, first, n in lights.numbered():
+        if hasattr(kind, "position") and not _is_sphere(kind):
+            one = row_of(kind, jnp.clip(light - first, 0, n - 1))
             away = point - one.position
             irradiance = one.sample(point, (half, half))[2]
             intensity = jnp.where(light >= first, irradiance * dot(away, away), intensity)
     return intensity
 
 
-def shines_from_afar(lights: Lights | None) -> bool:
+def shines_from_afar(table: LightTable | None) -> TypeGuard[LightTable]:
     """Return whether a ray that meets nothing can see a light."""
-    return lights is not None and any(not kind.is_delta for kind in lights.others)
+    return table is not None and any(table.lights.skies())
 
 
-def sky_radiance(lights: Lights, direction: Array) -> Array:
-    """Return the radiance (3,) W·sr⁻¹·m⁻² of all lights that a ray sees which meets nothing."""
+def sky_radiance(table: LightTable, direction: Array, pdf: Array | None = None) -> Array:
+    """Return the radiance (3,) W·sr⁻¹·m⁻² of all lights that a ray sees which meets nothing.
+
+    pdf: () density of the ray's direction, where light samples look for the same light: both ways are weighed by their
+    densities (Veach 1997, §9.2.2).
+    """
+
+    def emitted(kind: Any, first: int, row: Array) -> Array:
+        one = row_of(kind, row)
+        other = 0 if pdf is None else lax.stop_gradient(one.pdf(direction)) * share_of(table, first + row)
+        return one.emitted(direction) * (1 if pdf is None else safe_divide(pdf, pdf + other))
+
     total = jnp.zeros_like(direction)
-    for kind, n in zip(lights.others, lights.rows, strict=True):
-        if not kind.is_delta:
-            total += jnp.sum(lax.map(partial(_emitted, kind, direction), jnp.arange(n)), 0)
+    for kind, first, n in table.lights.skies():
+        total += jnp.sum(lax.map(partial(emitted, kind, first), jnp.arange(n)), 0)
     return total
 
 
-def _emitted(kind: Any, direction: Array, row: Array) -> Array:
-    return _row(kind, row).emitted(direction)
+def share_of(table: LightTable, light: Array) -> Array:
+    """Return the probability () with which light samples look at a light."""
+    if table.pick is None:
+        return jnp.ones(())
+    return take(table.pick, light) - jnp.where(light > 0, take(table.pick, jnp.maximum(light - 1, 0)), 0)

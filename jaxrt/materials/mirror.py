@@ -3,14 +3,9 @@
 from jax import Array
 
 from jaxrt.core.maths import dot
-from jaxrt.core.pytree import pytree
-
-
-@pytree
-class Mirror:
-    """The scene's mirror materials."""
-
-    albedo: Array  # (n, 3) share of each channel that is reflected, in [0, 1]
+from jaxrt.core.records import SurfacePoint
+from jaxrt.description.fields import Albedo
+from jaxrt.description.kinds import material
 
 
 def reflect(wo: Array, normal: Array) -> Array:
@@ -18,6 +13,14 @@ def reflect(wo: Array, normal: Array) -> Array:
     return 2 * dot(wo, normal) * normal - wo
 
 
-def sample_mirror(albedo: Array, wo: Array, normal: Array) -> tuple[Array, Array]:
-    """Return (direction, weight) of the one direction a mirror has."""
-    return reflect(wo, normal), albedo
+@material
+class Mirror:
+    """A perfect mirror."""
+
+    albedo: Albedo = (1.0, 1.0, 1.0)  # share of each channel that is reflected
+
+    is_delta = True
+
+    def sample(self, surface: SurfacePoint, wo: Array, u: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Return (direction, weight) of the one direction a mirror has."""
+        return reflect(wo, surface.shading), self.albedo

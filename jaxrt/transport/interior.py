@@ -16,6 +16,7 @@ from jax.custom_batching import sequential_vmap as in_turn
 from jax.custom_derivatives import SymbolicZero
 
 from jaxrt.core.maths import Parts, add_exactly, kahan_add, rounded
+from jaxrt.description.kinds import MATERIALS
 from jaxrt.kernels.linear import Leaves, Shapes, apply_linear
 from jaxrt.kernels.native import one_mesh, program_on
 from jaxrt.transport.film import (
@@ -37,8 +38,8 @@ from jaxrt.transport.path import Tables
 TOGETHER = (32, 1)
 LARGE = 100_000  # moved numbers from which on wide packets are the faster ones backwards: a mesh of 11,000 faces
 WIDE_TILE = (32, 32)  # pixels, as many as a native kernel takes
-# Parameters that light paths and light samples do not depend on: they keep the picture's own light samples
-_STILL = {"albedo", "intensity", "environment"}
+# Besides materials, parameters that light paths and light samples do not depend on
+_STILL = {"intensity", "environment"}
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(3,))
@@ -77,7 +78,7 @@ def _draw_jvp(plan: Plan, primals: tuple[Tables, Run, Run], tangents: tuple[Any,
     tables, run, gradient_run = primals
     changes = jax.tree.leaves_with_path(tangents[0], is_leaf=lambda x: isinstance(x, SymbolicZero))
     moved = [i for i, (_, change) in enumerate(changes) if not isinstance(change, SymbolicZero)]
-    attached = any(changes[i][0][-1].name not in _STILL for i in moved)
+    attached = any(_turns_light([key.name for key in changes[i][0] if hasattr(key, "name")]) for i in moved)
     constants, structure = jax.tree.flatten((tables, gradient_run))
     shapes = tuple(jax.ShapeDtypeStruct(constants[i].shape, constants[i].dtype) for i in moved)
     pair = _Derivative(plan, structure, _size(tables), shapes, tuple(moved), attached)
@@ -85,6 +86,14 @@ def _draw_jvp(plan: Plan, primals: tuple[Tables, Run, Run], tangents: tuple[Any,
     share = (run.end - run.first) / (gradient_run.end - gradient_run.first)
     change = apply_linear(pair, constants, [changes[i][1] for i in moved], program_on(plan.devices))[0]
     return total, change * share.astype(total.dtype)
+
+
+def _turns_light(path: list[str]) -> bool:
+    """Return whether light paths or light samples depend on a leaf; others keep the picture's own light samples."""
+    if path[0] == "materials":
+        kind = MATERIALS.kinds[path[1]]
+        return kind.cls.is_delta and not kind.measures[path[2]].tints
+    return path[-1] not in _STILL
 
 
 class _Derivative(NamedTuple):

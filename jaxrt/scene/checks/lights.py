@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxrt.description import Diffuse, Glass, SceneDescription
+from jaxrt.description import SceneDescription
 from jaxrt.description.box_tree import Floats
 from jaxrt.description.kinds import LIGHTS
 from jaxrt.description.mesh_facts import nearest_distances, triangle_distances, winding_numbers
-from jaxrt.scene.checks.common import Body, centers_and_radii, inside, more, spheres_of
+from jaxrt.scene.checks.common import Body, centers_and_radii, inside, is_lit, more, spheres_of, transmits
 
 TOO_NEAR = 1e-2  # of the distances around a point light: indirect light then has a relative error of dozens
 SUNK = 100  # a ball of fewer radii of the lamp in it is no wall that the lamp is let into
@@ -33,7 +33,7 @@ def _has_power(light: Any) -> bool:
 
 def walled_in(scene: SceneDescription) -> Iterator[str]:
     """Find lights that closed opaque spheres or other lights part from the camera, as a whole or for the most part."""
-    opaque = spheres_of(scene, glass=False)
+    opaque = spheres_of(scene, opaque=True)
     walls = [scene.spheres[i] for i in opaque]
     centers, radii = centers_and_radii(walls)
     if (eye := scene.eye) is None:
@@ -76,7 +76,7 @@ def walled_in_meshes(scene: SceneDescription, bodies: Sequence[Body]) -> Iterato
     lamps = scene.lamps
     places = np.array([eye, *(lamp.position for lamp in lamps)])
     for body in bodies:
-        if body.has(Glass):
+        if body.has(transmits):
             continue
         camera_inside, *lights_inside = _inside_body(places, body)
         parted = [lamp.number for lamp, within in zip(lamps, lights_inside, strict=True) if within != camera_inside]
@@ -100,7 +100,7 @@ def _inside_body(places: Floats, body: Body) -> NDArray[np.bool_]:
 
 
 def near_point_lights(scene: SceneDescription, bodies: Sequence[Body]) -> Iterator[str]:
-    """Find point lights so near to a diffuse surface that indirect light from there is mostly noise.
+    """Find point lights so near to a surface that they light that indirect light from there is mostly noise.
 
     Near is meant for what is around: the camera, and the nearest places of most other things. How far a floor reaches
     does not matter.
@@ -109,10 +109,10 @@ def near_point_lights(scene: SceneDescription, bodies: Sequence[Body]) -> Iterat
     if not numbers or scene.eye is None:
         return
     points = np.array([lamp.position for lamp in scene.lamps if not lamp.radius])
-    spheres = [s for s in scene.spheres if isinstance(scene.materials[s.material], Diffuse)]
-    corners = [t.vertices for t in scene.triangles if isinstance(scene.materials[t.material], Diffuse)]
+    spheres = [s for s in scene.spheres if is_lit(scene.materials[s.material])]
+    corners = [t.vertices for t in scene.triangles if is_lit(scene.materials[t.material])]
     singles = np.array(corners, float).reshape(-1, 3, 3)
-    meshes = [body for body in bodies if body.has(Diffuse)]
+    meshes = [body for body in bodies if body.has(is_lit)]
     around = _around(points, *centers_and_radii(spheres), singles)
     boxes = np.array([_to_box(points, *body.box) for body in meshes]).reshape(len(meshes), len(points)).T
     others = np.sort(np.concatenate([around, boxes], axis=1), axis=1)
