@@ -163,3 +163,53 @@ def test_a_sky_and_a_sun_before_a_camera_of_parallel_rays():
     wanted, change = jax.jvp(lambda *v: on_floor(*(x[0] for x in v)), tuple(values), tuple(values))
     np.testing.assert_allclose(mean, wanted, rtol=0.01)
     np.testing.assert_allclose(slopes[0], change, rtol=0.01)
+
+
+def lamp_over(ball: bool, **camera: Any) -> dict[str, Any]:
+    """Return a torch and a ball over a floor, before a fisheye."""
+    return {
+        "camera": {"type": "fisheye", "position": [0.3, 6, 0.2], "fov": 100, "width": 16, "height": 16, **camera},
+        "materials": WHITE,
+        "triangles": floor(-9, 9),
+        "spheres": [{"center": [0, 1.5, 0], "radius": 0.7, "material": "white"}] if ball else [],
+        "lights": [{"type": "torch", "position": [2, 5, 1], "axis": [-1, -5, 0], "intensity": [20, 30, 40]}],
+    }
+
+
+def test_a_torch_before_a_fisheye():
+    """The floor under it has the closed form, place by place as the camera's angle says."""
+    scene = jaxrt.build(lamp_over(ball=False))
+    picture = np.asarray(jaxrt.render(scene, 0, spp=16, max_depth=1))
+    j, i = np.meshgrid(np.arange(16) + 0.5, np.arange(16) + 0.5)
+    # Where the middles of the pixels look
+    radius, turn = np.hypot(j - 8, i - 8), np.arctan2(i - 8, j - 8)
+    reach = 6 * np.tan(radius / 16 * np.radians(100))
+    places = np.stack([0.3 + reach * np.cos(turn), 0 * reach, 0.2 + reach * np.sin(turn)], -1)
+    away, axis = places - [2, 5, 1], np.array([-1, -5, 0]) / np.sqrt(26)
+    distance = np.linalg.norm(away, axis=-1)
+    cosine = away @ axis / distance
+    want = ALBEDO / np.pi * np.array([20, 30, 40]) * (cosine**2 * 5 / distance**3)[..., None]
+    middle = radius < 6
+    np.testing.assert_allclose(picture[middle], want[middle], rtol=0.03)
+
+
+@pytest.mark.parametrize(("name", "edges"), [("camera.position", 2), ("lights.position", 1)])
+def test_shadows_and_outlines_of_a_torch_and_a_fisheye(name, edges):
+    """The light's intensity towards an edge, and the pixels per steradian, follow from `sample` and `project`."""
+    scene = jaxrt.build(lamp_over(ball=True))
+    report = jaxrt.gradcheck(scene, name, 3, component=0, spp=64, max_depth=1, boundary_samples=2048, seeds=3)
+    print(report)
+    assert report.ok
+    assert len(report.coverage.included) == 1 + edges
+
+
+def test_a_thin_lens_blurs_what_is_not_in_focus():
+    """A far small light is a disk, its size as the lens says: on the lens, the second pair of the first block."""
+    lamp = {"position": [0, 0, -20], "intensity": 1, "radius": 0.05}
+    camera = {"type": "lens", "position": [0, 0, 0], "aperture": 0.5, "focus": 10, "scale": 0.005, "width": 16, "height": 16}
+    picture = np.asarray(jaxrt.render(jaxrt.build({"camera": camera, "lights": [lamp]}), 0, spp=256, max_depth=1))[..., 0]
+    row, column = np.meshgrid(np.arange(16) - 7.5, np.arange(16) - 7.5)
+    # A uniform disk of radius R has variance R²/4 along an axis
+    disk = 0.5 * (1 / 10 - 1 / 20) / 0.005
+    for axis in (row, column):
+        assert np.sum(picture * axis**2) / np.sum(picture) == pytest.approx(disk**2 / 4, rel=0.05)
