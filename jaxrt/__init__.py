@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jaxrt.core.messages import SceneError, SceneWarning
-    from jaxrt.description.kinds import camera, light
+    from jaxrt.description.kinds import camera, light, material
     from jaxrt.gradcheck import gradcheck
     from jaxrt.io import load_image, load_mesh, load_scene, save_image
     from jaxrt.kernels.jacobian import jacobian_once
@@ -27,6 +27,7 @@ __all__ = [
     "load_image",
     "load_mesh",
     "load_scene",
+    "material",
     "parameters",
     "render",
     "save_image",
@@ -39,8 +40,8 @@ _HOMES = {
     "gradcheck": ("gradcheck",),
     "io": ("load_image", "load_mesh", "load_scene", "save_image"),
     "kernels.jacobian": ("jacobian_once",),
-    "description.kinds": ("camera", "light"),
     "core.messages": ("SceneError", "SceneWarning"),
+    "description.kinds": ("camera", "light", "material"),
     "scene.parameters": ("parameters", "with_parameters"),
     "render": ("render", "use_cpu_cores"),
     "scene": ("Scene", "build"),

@@ -8,11 +8,19 @@ import numpy as np
 import pytest
 
 import jaxrt
-from jaxrt.core.maths import dot, normalize
-from jaxrt.core.records import Ray
-from jaxrt.core.sampling import pdf_uniform_sphere, sample_uniform_sphere
-from jaxrt.description.fields import Angle, Direction, Place, Positive, Rgb
 from jaxrt.gradcheck.coverage import AFAR, SCATTERED, SKY, coverage
+from jaxrt.kinds import (
+    Angle,
+    Direction,
+    Place,
+    Positive,
+    Ray,
+    Rgb,
+    dot,
+    normalize,
+    pdf_uniform_sphere,
+    sample_uniform_sphere,
+)
 
 
 @jaxrt.light
@@ -206,8 +214,18 @@ def test_shadows_and_outlines_of_a_torch_and_a_fisheye(name, edges):
 def test_a_thin_lens_blurs_what_is_not_in_focus():
     """A far small light is a disk, its size as the lens says: on the lens, the second pair of the first block."""
     lamp = {"position": [0, 0, -20], "intensity": 1, "radius": 0.05}
-    camera = {"type": "lens", "position": [0, 0, 0], "aperture": 0.5, "focus": 10, "scale": 0.005, "width": 16, "height": 16}
-    picture = np.asarray(jaxrt.render(jaxrt.build({"camera": camera, "lights": [lamp]}), 0, spp=256, max_depth=1))[..., 0]
+    camera = {
+        "type": "lens",
+        "position": [0, 0, 0],
+        "aperture": 0.5,
+        "focus": 10,
+        "scale": 0.005,
+        "width": 16,
+        "height": 16,
+    }
+    picture = np.asarray(jaxrt.render(jaxrt.build({"camera": camera, "lights": [lamp]}), 0, spp=256, max_depth=1))[
+        ..., 0
+    ]
     row, column = np.meshgrid(np.arange(16) - 7.5, np.arange(16) - 7.5)
     # A uniform disk of radius R has variance R²/4 along an axis
     disk = 0.5 * (1 / 10 - 1 / 20) / 0.005

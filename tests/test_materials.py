@@ -5,11 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxrt.core.maths import reflect
 from jaxrt.core.records import SurfacePoint
 from jaxrt.materials import Materials, scatter
 from jaxrt.materials.diffuse import Diffuse
 from jaxrt.materials.glass import Glass, sample_glass
-from jaxrt.materials.mirror import Mirror, reflect
+from jaxrt.materials.mirror import Mirror
 
 N = 40_000
 ALL = Materials.of(

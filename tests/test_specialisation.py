@@ -73,7 +73,7 @@ MESHES, TRIANGLES = {"mesh", "smooth mesh", "everything"}, {"triangles", "mesh",
 
 # Functions, or whole files, that only the scenes named may be traced from
 OWNERS = {
-    "materials/mirror.py": {"mirror", "glass", "everything"},  # glass reflects too
+    "materials/mirror.py": {"mirror", "everything"},
     "materials/glass.py": {"glass", "everything"},
     "shapes/triangle.py": TRIANGLES,
     "shapes/search/boxes.py": MESHES,

@@ -3,11 +3,10 @@
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.core.maths import dot, grad_only, safe_sqrt
+from jaxrt.core.maths import dot, grad_only, reflect, safe_sqrt
 from jaxrt.core.records import SurfacePoint
 from jaxrt.description.fields import Ior
 from jaxrt.description.kinds import material
-from jaxrt.materials.mirror import reflect
 
 
 @material

@@ -2,15 +2,10 @@
 
 from jax import Array
 
-from jaxrt.core.maths import dot
+from jaxrt.core.maths import reflect
 from jaxrt.core.records import SurfacePoint
 from jaxrt.description.fields import Albedo
 from jaxrt.description.kinds import material
-
-
-def reflect(wo: Array, normal: Array) -> Array:
-    """Return the mirror direction of `wo`, both pointing away from the surface; either sign of the normal."""
-    return 2 * dot(wo, normal) * normal - wo
 
 
 @material

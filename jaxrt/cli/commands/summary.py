@@ -57,18 +57,18 @@ def print_summary(
 def features(description: SceneDescription) -> tuple[list[str], list[str]]:
     """Return the features that are compiled for this scene, and those that it lacks and that are left out."""
     types = {MATERIALS.kind_of(description.materials[name]).name for name in description.used}
-    lights = {LIGHTS.kind_of(light).name for light in description.lights}
+    lights = sorted({light.type for light in description.lights} - {LIGHTS.default})
     radii = [light.radius for light in description.lights if light.type == LIGHTS.default]
-    camera = CAMERAS.kind_of(description.camera).name
+    camera = {description.camera.type} - {CAMERAS.default}
     there = {
         "spheres": bool(description.spheres),
         "triangles": bool(description.triangles or description.meshes),
         **{name: name in types for name in MATERIALS.kinds},
         "point lights": 0 in radii,
         "sphere lights": any(radii),
-        **{f"{name} lights": name in lights for name in LIGHTS.kinds if name != LIGHTS.default},
+        **{f"{name} lights": True for name in lights},
         "environment": description.environment is not None,
-        **{f"{name} camera": name == camera for name in CAMERAS.kinds if name != CAMERAS.default},
+        **{f"{name} camera": True for name in camera},
     }
     return [name for name, is_there in there.items() if is_there], [n for n, is_there in there.items() if not is_there]
 
