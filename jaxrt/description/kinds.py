@@ -262,6 +262,10 @@ def _of_light(cls: Any) -> Sequence[str]:
 
 
 def _of_camera(cls: Any) -> Sequence[str]:
+    if cls.is_central and "position" not in get_type_hints(cls) and not hasattr(cls, "position"):
+        raise TypeError(
+            f"camera {cls.__qualname__}: is central and has no position: make it a field, `position: Place`"
+        )
     return ("ray", "project") if cls.is_central else ("ray",)
 
 

@@ -16,7 +16,7 @@ from jax.custom_batching import sequential_vmap as in_turn
 from jax.custom_derivatives import SymbolicZero
 
 from jaxrt.core.maths import Parts, add_exactly, kahan_add, rounded
-from jaxrt.description.kinds import MATERIALS
+from jaxrt.description.kinds import LIGHTS, MATERIALS
 from jaxrt.kernels.linear import Leaves, Shapes, apply_linear
 from jaxrt.kernels.native import one_mesh, program_on
 from jaxrt.transport.film import (
@@ -38,8 +38,6 @@ from jaxrt.transport.path import Tables
 TOGETHER = (32, 1)
 LARGE = 100_000  # moved numbers from which on wide packets are the faster ones backwards: a mesh of 11,000 faces
 WIDE_TILE = (32, 32)  # pixels, as many as a native kernel takes
-# Besides materials, parameters that light paths and light samples do not depend on
-_STILL = {"intensity", "environment"}
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(3,))
@@ -93,7 +91,8 @@ def _turns_light(path: list[str]) -> bool:
     if path[0] == "materials":
         kind = MATERIALS.kinds[path[1]]
         return kind.cls.is_delta and not kind.measures[path[2]].tints
-    return path[-1] not in _STILL
+    known = LIGHTS.parameters.get(".".join([path[0], path[-1]]))
+    return path[0] != "environment" and (known is None or not known.tints)
 
 
 class _Derivative(NamedTuple):
