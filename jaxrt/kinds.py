@@ -1,4 +1,4 @@
-"""What kinds of one's own are made of: decorators, fields, records, and directions from numbers. See docs/own-kinds.md."""
+"""What kinds of one's own are made of: decorators, fields, records, directions. See docs/own-kinds.md."""
 
 from jaxrt.core.maths import dot, face_forward, normalize, reflect, safe_divide, safe_sqrt
 from jaxrt.core.records import Ray, SurfacePoint

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.core.maths import grad_only, safe_divide
+from jaxrt.core.maths import safe_divide
 from jaxrt.core.pytree import pytree, with_fields
 from jaxrt.core.records import SurfacePoint
 from jaxrt.description.kinds import MATERIALS
@@ -125,7 +125,9 @@ def _sample_glossy(one: Any, surface: SurfacePoint, wo: Array, u: tuple[Array, A
     direction, weight = lax.stop_gradient(one).sample(surface, wo, u)
     value, pdf = one.evaluate(*lax.stop_gradient((surface, wo, direction)))
     pdf = lax.stop_gradient(pdf)
-    return direction, weight + grad_only(safe_divide(value, pdf * jnp.ones_like(value))), pdf
+    # 0, with the derivative of f cosθ / pdf in the material alone
+    change = safe_divide(value - lax.stop_gradient(value), pdf * jnp.ones_like(value))
+    return direction, weight + change, pdf
 
 
 def evaluate(materials: Materials, surface: SurfacePoint, wo: Array, wi: Array) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ import subprocess
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -75,9 +76,9 @@ def code_of_kinds(scene: Scene, plan: Plan) -> str:
     things = jax.tree.leaves(scene, is_leaf=lambda thing: hasattr(thing, "kind"))
     if all(type(thing).__module__.startswith("jaxrt.") for thing in things if hasattr(thing, "kind")):
         return ""
-    one, tables = jax.ShapeDtypeStruct((), jnp.int32), jax.eval_shape(tables_of, scene)
-    run = Run(jax.ShapeDtypeStruct((), jnp.uint32), one, one, one)
-    return _digest(sum_share.lower(tables, run, one, plan).as_text())
+    number: Any = jax.ShapeDtypeStruct((), jnp.int32)
+    run = Run(number.update(dtype=jnp.uint32), number, number, number)
+    return _digest(sum_share.lower(jax.eval_shape(tables_of, scene), run, number, plan).as_text())
 
 
 def _digest(text: str) -> str:
