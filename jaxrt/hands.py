@@ -46,7 +46,7 @@ def painter(
 
     def draw(run: Run) -> NDArray[np.float32]:
         shares, turns = shares_of(size, plan)
-        parts = np.empty((shares, turns, plan.lanes, 3, 3), scene.camera.position.dtype)
+        parts = np.empty((shares, turns, plan.lanes, 3, 3), scene.dtype)
         list(pool.map(lambda share: draw_share(run, share, parts), range(shares)))
         return joined(parts, size, plan)
 

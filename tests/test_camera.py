@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 import jaxrt
-from jaxrt.cameras import Camera, camera_frame, camera_ray
+from jaxrt.cameras import Pinhole, view_of
 
 
 def camera(position=(0, 0, 0), target=(0, 0, -1), up=(0, 1, 0), fov=60.0, width=6, height=4):
     vectors = (jnp.asarray(v, jnp.float32) for v in (position, target, up))
-    return Camera(*vectors, jnp.float32(fov), width, height)
+    return Pinhole(*vectors, jnp.float32(fov), width, height)
 
 
 def rays(camera, x, y):
     """Return origins and directions (n, 3) in float64 through points (x, y)."""
     x, y = (jnp.asarray(v, jnp.float32) for v in (x, y))
-    ray = jax.vmap(camera_ray, (None, 0, 0))(camera_frame(camera), x, y)
+    ray = jax.vmap(lambda x, y: view_of(camera).ray((x, y), (x, y)))(x, y)
     return np.asarray(ray.origin, float), np.asarray(ray.direction, float)
 
 

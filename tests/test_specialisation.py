@@ -81,8 +81,8 @@ OWNERS = {
     "shapes/smooth.py": {"smooth mesh", "everything"},
     "lights/__init__.py:emitted_radiance": {"sphere light", "everything"},
     "core/sampling.py:sample_cone": {"sphere light", "everything"},
-    "lights/__init__.py:_pick_light": {"two lights", "everything"},
-    "lights/__init__.py:sample_light": set(LADDER) - {"no light"},
+    "lights/pick.py:pick": {"two lights", "everything"},
+    "lights/__init__.py:_sample": set(LADDER) - {"no light"},
     "transport/path.py:_direct": set(LADDER) - {"no light"},
 }
 

@@ -7,7 +7,7 @@ from jaxrt.core.maths import dot, normalize, safe_divide, safe_sqrt, unit_roundo
 from jaxrt.core.records import LightSample
 from jaxrt.core.sampling import sample_uniform_sphere
 from jaxrt.kernels.gather import take
-from jaxrt.lights import LightTable, _pick_light
+from jaxrt.lights import LightTable, pick
 
 
 def sample_light(table: LightTable, point: Array, u: tuple[Array, Array]) -> LightSample:
@@ -16,8 +16,8 @@ def sample_light(table: LightTable, point: Array, u: tuple[Array, Array]) -> Lig
     Irradiance: radiance I/(πr²) · cosθ_y/d² · area 4πr², over the light's probability.
     """
     lights = table.lights
-    assert lights.radius is not None
-    light, share, u0 = _pick_light(table, u[0])
+    assert lights.position is not None and lights.intensity is not None and lights.radius is not None
+    light, share, u0 = pick(table.pick, u[0])
     center, intensity, radius = (take(field, light) for field in (lights.position, lights.intensity, lights.radius))
     normal = sample_uniform_sphere((u0, u[1]))
     toward = center + radius * normal - point

@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.cameras import camera_ray
 from jaxrt.core.maths import kahan_add
 from jaxrt.core.records import Hit, Ray
 from jaxrt.core.samplers import SAMPLERS, Stream
@@ -53,7 +52,7 @@ def _sample(plan: Plan, tables: Tables, run: Run, sample: Array, x: Array, y: Ar
     pixel = y.astype(jnp.uint32) * jnp.uint32(tables.camera.width) + x.astype(jnp.uint32)
     numbers = partial(SAMPLERS[plan.sampler], Stream(pixel, sample.astype(jnp.uint32), run.seed, run.spp.astype("u4")))
     jitter = numbers(0)
-    ray = camera_ray(tables.camera, x.astype(jnp.float32) + jitter[0], y.astype(jnp.float32) + jitter[1])
+    ray = tables.camera.ray((x.astype(jnp.float32) + jitter[0], y.astype(jnp.float32) + jitter[1]), jitter[2:])
     return radiance_by_chance(tables, ray, numbers, plan.max_depth)
 
 

@@ -42,7 +42,7 @@ def edge_tangent(scene: Scene, tangent: Any, seed: Array, plan: Plan) -> Array:
 def _picture_change(scene: Scene, tangent: Any, groups: tuple[EdgeSamples, ...]) -> Array:
     """Return what the samples' clearances change in the picture."""
     scene, size = as_operand(scene), (scene.camera.width, scene.camera.height)
-    total = jnp.zeros((size[1], size[0], 3), scene.camera.position.dtype)
+    total = jnp.zeros((size[1], size[0], 3), scene.dtype)
     for samples in groups:
         _, change = jax.jvp(partial(clearance_of, samples=samples), (scene,), (tangent,))
         total += splat(samples, change, size)

@@ -15,12 +15,13 @@ the camera and q itself lies on o + τ D. So both are
 a sum over points of the scene with constant coefficients: finite for any, linear in each point.
 """
 
+import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.cameras import camera_frame
+from jaxrt.cameras import view_of
 from jaxrt.core.pytree import pytree
-from jaxrt.lights import Lights
+from jaxrt.lights import Lights, casters_of
 from jaxrt.scene import Scene
 
 ONE_HOT_ROWS = 64  # tables up to this long are read by a product, whose transpose is one too
@@ -69,7 +70,7 @@ class EdgeSamples:
 
 def clearance_of(scene: Scene, samples: EdgeSamples) -> Array:
     """Return F (m,) in scene units, up to a constant: differentiable in the scene, finite for any."""
-    clearance = jnp.zeros(samples.pixel.shape[0], scene.camera.position.dtype)
+    clearance = jnp.zeros(samples.pixel.shape[0], scene.dtype)
     if samples.light is not None:
         assert scene.lights is not None
         clearance += jnp.sum(samples.light.factor * _light_points(scene.lights, samples.light), -1)
@@ -89,17 +90,15 @@ def splat(samples: EdgeSamples, change: Array, size: tuple[int, int]) -> Array:
 
 
 def _light_points(lights: Lights, points: LightPoints) -> Array:
-    center = _rows(lights.position, points.light)
-    if lights.radius is None:
-        return center
-    return center + _rows(lights.radius[:, None], points.light) * points.omega
+    places, radii, _ = casters_of(lights)
+    center = _rows(places, points.light)
+    return center if radii is None else center + _rows(radii[:, None], points.light) * points.omega
 
 
 def _view_points(scene: Scene, points: ViewPoints) -> Array:
-    frame = camera_frame(scene.camera)
-    across, down = points.image[:, :1] - frame.width / 2, points.image[:, 1:] - frame.height / 2
-    toward = across * frame.right[None] - down * frame.up[None] + frame.forward[None]
-    return frame.position[None] + points.tau[:, None] * toward
+    view = view_of(scene.camera)
+    toward = jax.vmap(lambda image: view.toward((image[0], image[1])))(points.image)
+    return view.position[None] + points.tau[:, None] * toward
 
 
 def _anchored(scene: Scene, anchors: Anchors) -> Array:

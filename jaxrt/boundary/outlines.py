@@ -16,7 +16,7 @@ from jaxrt.boundary.clearance import EdgeSamples, ViewPoints
 from jaxrt.boundary.guiding import Draw, place, sample_guided
 from jaxrt.boundary.shadows import BEYOND, NUDGE, Plan, bins_for, occluder_anchors
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, edge_table, rim_at
-from jaxrt.boundary.view import project
+from jaxrt.cameras import projection
 from jaxrt.core.maths import dot, normalize, safe_divide
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Hit, Ray, Smooth, SurfacePoint
@@ -39,7 +39,12 @@ class OutlineTables:
 
 
 def camera_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
-    """Return samples of the outlines that the camera sees move: all of them, or those of sphere lights alone."""
+    """Return samples of the outlines that the camera sees move: all of them, or those of sphere lights alone.
+
+    None where the camera's rays start at many places: an outline is that of an eye.
+    """
+    if not scene.camera.is_central:
+        return ()
     tables = tables_of(scene)
     edges = edge_table(scene.triangles) if scene.triangles is not None and plan.geometry_moves else None
     outlines = Silhouettes(tables.geometry.spheres, edges)
@@ -47,7 +52,7 @@ def camera_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ..
     if outlines.rows == 0 or not (lights or plan.geometry_moves):
         return ()
     bins = bins_for(outlines.rows)
-    weights = angular_lengths(outlines, tables.camera.position, jnp.zeros_like(scene.camera.fov), True, bins)
+    weights = angular_lengths(outlines, tables.camera.position, jnp.zeros((), scene.dtype), True, bins)
     if not plan.geometry_moves:
         weights = jnp.where(jnp.arange(weights.shape[0]) >= tables.first_light * bins, weights, 0)
     n = plan.n if plan.geometry_moves else -(-plan.n // LIGHTS_ONLY)
@@ -63,7 +68,7 @@ def _sample(plan: Plan, bins: int, operands: OutlineTables, draw: Draw) -> tuple
     row = placed.bin // bins
     t = ((placed.bin % bins).astype(placed.t.dtype) + placed.t) / bins
     rim = once(partial(rim_at, creases=True))(outlines, row, t, camera.position)
-    view = once(project)(camera, rim.point)
+    view = once(projection)(camera, rim.point)
     # The change of radiance across it
     outside, inside, clear = _radiances(plan, tables, outlines, row, rim, draw)
     density = placed.density * bins * draw.total

@@ -6,6 +6,7 @@ outline per unit of t; D = |q − y|). The receiver's cosine and distance cancel
 random walk, and each diffuse vertex shows it to the camera: the primal light tracing of that line source.
 """
 
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -16,7 +17,7 @@ from jax import Array, lax
 from jaxrt.boundary.clearance import Anchors, EdgeSamples, LightPoints, ViewPoints
 from jaxrt.boundary.guiding import Draw, place, sample_guided
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, edge_table, rim_at
-from jaxrt.boundary.view import Projection, project
+from jaxrt.cameras import Projection, projection
 from jaxrt.core.maths import cross, dot, face_forward, normalize, safe_divide, safe_sqrt, unit_roundoff
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Ray, SurfacePoint
@@ -28,7 +29,7 @@ from jaxrt.core.sampling import (
     sample_uniform_sphere,
 )
 from jaxrt.kernels.native import once
-from jaxrt.lights import LightTable
+from jaxrt.lights import Lights, LightTable, casters_of, intensity_toward
 from jaxrt.materials import Scattering, evaluate, scatter
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, leave, occluded, surface_point
@@ -93,7 +94,12 @@ class Vertex:
 
 
 def shadow_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
-    """Return samples of the edges of shadows; none where nothing can cast or show one."""
+    """Return samples of the edges of shadows; none where nothing can cast or show one.
+
+    Nor where they are not known: of lights that have no place, and for a camera that is not at one.
+    """
+    if not scene.camera.is_central or scene.lights is None or casters_of(scene.lights)[0].shape[0] == 0:
+        return ()
     tables = tables_of(scene)
     # A scene's only light cannot block itself
     spheres = tables.occluders.spheres
@@ -116,18 +122,18 @@ def bins_for(rows: int) -> int:
 def _weights(tables: Tables, outlines: Silhouettes, bins: int) -> Array:
     """Return weights (lights · rows · bins,): the angle that each bin spans times the light's power."""
     assert tables.lights is not None
-    lights = tables.lights.lights
-    reach = jnp.zeros_like(lights.position[:, 0]) if lights.radius is None else lights.radius
-    own = tables.first_light + jnp.arange(lights.position.shape[0])
+    places, radii, powers = casters_of(tables.lights.lights)
+    reach = jnp.zeros_like(places[:, 0]) if radii is None else radii
+    own = tables.first_light + jnp.arange(places.shape[0])
 
     def of_light(light: tuple[Array, Array, Array, Array]) -> Array:
-        position, reach, intensity, own = light
-        angles = angular_lengths(outlines, position, reach, False, bins)
+        place, reach, power, own = light
+        angles = angular_lengths(outlines, place, reach, False, bins)
         # A light casts no shadow of itself
         other = (jnp.arange(outlines.rows) != own) | (own >= outlines.spheres_count)
-        return jnp.where(jnp.repeat(other, bins), angles, 0) * jnp.sum(intensity)
+        return jnp.where(jnp.repeat(other, bins), angles, 0) * power
 
-    return lax.map(of_light, (lights.position, reach, lights.intensity, own)).ravel()
+    return lax.map(of_light, (places, reach, powers, own)).ravel()
 
 
 def _sample(plan: Plan, bins: int, operands: ShadowTables, draw: Draw) -> tuple[tuple[EdgeSamples, ...], Array]:
@@ -141,6 +147,7 @@ def _sample(plan: Plan, bins: int, operands: ShadowTables, draw: Draw) -> tuple[
     t = ((rest % bins).astype(placed.t.dtype) + placed.t) / bins
     source = once(partial(_light_point, tables.first_light))(tables.lights, outlines, light, row, t, draw.spread)
     rim = once(partial(rim_at, creases=False))(outlines, row, t, source.position)
+    source = _shone(tables.lights.lights, light, source, rim)
     density = placed.density * bins * draw.total
     carrier = once(_carrier)(source, rim, density)
     # Follow its light
@@ -165,8 +172,10 @@ def _light_point(
 ) -> LightPoint:
     """Return a point of a light, likelier on the side that faces an outline."""
     lights = table.lights
-    center, intensity = lights.position[light], lights.intensity[light]
-    if lights.radius is None:
+    places, radii, _ = casters_of(lights)
+    center = places[light]
+    intensity = jnp.zeros_like(center) if lights.position is None else lights.intensity[light]
+    if radii is None:
         return LightPoint(center, jnp.zeros_like(center), center, intensity)
     axis = normalize(_middle(outlines, row, t) - center)
     axis = jnp.where(dot(axis, axis) > 0, axis, jnp.zeros_like(axis).at[2].set(1))
@@ -178,10 +187,19 @@ def _light_point(
         sample_uniform_sphere((jnp.where(lobe, 0, jnp.minimum(u0[1], 1)), u[1])),
     )
     pdf = LOBE * pdf_cosine_hemisphere(dot(omega, axis)) + (1 - LOBE) * pdf_uniform_sphere()
-    radius = lights.radius[light]
+    radius = radii[light]
     position = center + radius * omega
     rounding = 32 * unit_roundoff(center) * (jnp.sum(jnp.abs(center)) + radius)
     return LightPoint(position, omega, position + rounding * omega, intensity / pdf)
+
+
+def _shone(lights: Lights, light: Array, source: LightPoint, rim: Rim) -> LightPoint:
+    """Return the point of a light with what shines past an outline, where that depends on where it is."""
+    if not lights.others:
+        return source
+    sphere = light < (0 if lights.position is None else lights.position.shape[0])
+    shine = jnp.where(sphere, source.shine, intensity_toward(lights, light, rim.point))
+    return replace(source, omega=jnp.where(sphere, source.omega, 0), shine=shine)
 
 
 def _middle(outlines: Silhouettes, row: Array, t: Array) -> Array:
@@ -259,7 +277,7 @@ def _tilt(point: SurfacePoint, direction: Array) -> Array:
 
 def _connect(tables: Tables, point: SurfacePoint, facing: Array) -> tuple[Projection, Array]:
     """Return a point's image and pixels per area at right angles to the surface; 0 where the camera does not see it."""
-    view = project(tables.camera, point.position)
+    view = projection(tables.camera, point.position)
     away = tables.camera.position - point.position
     squared = dot(away, away)
     direction = normalize(away)
@@ -314,8 +332,7 @@ def _edge_samples(
 def _attached(operands: ShadowTables, receiver: Vertex, factor: Array) -> tuple[ViewPoints, Anchors]:
     """Return what the receiver's point depends on, seen at a fixed image point, times a factor (3,)."""
     camera, n = operands.tables.camera, receiver.point.normal
-    across, down = receiver.view.image[0] - camera.width / 2, receiver.view.image[1] - camera.height / 2
-    toward = across * camera.right - down * camera.up + camera.forward
+    toward = camera.toward((receiver.view.image[0], receiver.view.image[1]))
     slope = dot(n, toward)
     shown = jnp.sum(receiver.weight) > 0
     on_surface = jnp.where(shown, n * safe_divide(dot(factor, toward), slope), 0)

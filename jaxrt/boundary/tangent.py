@@ -20,7 +20,7 @@ def moving_edges(scene: Scene, seed: Array, plan: boundary.Plan) -> Array:
     seed: () uint32. What moves is read off the derivative that is asked for, whatever `plan` says of it: edges are not
     sampled unless they move. Raises ValueError where a second derivative is taken.
     """
-    return jnp.zeros((scene.camera.height, scene.camera.width, 3), scene.camera.position.dtype)
+    return jnp.zeros((scene.camera.height, scene.camera.width, 3), scene.dtype)
 
 
 @partial(moving_edges.defjvp, symbolic_zeros=True)
@@ -33,8 +33,9 @@ def _moving_edges_jvp(plan: boundary.Plan, primals: tuple[Scene, Array], tangent
         for (path, _), change in zip(jax.tree.leaves_with_path(scene), changes, strict=True)
         if not isinstance(change, SymbolicZero)
     ]
-    lights_move = bool({"lights.position", "lights.radius"} & set(names))
-    geometry_moves = any(name.split(".")[0] in {"camera", "spheres", "triangles"} for name in names)
+    parts = [name.split(".") for name in names]
+    lights_move = any(first == "lights" and last in {"position", "radius"} for first, *_, last in parts)
+    geometry_moves = any(first in {"camera", "spheres", "triangles"} for first, *_ in parts)
     if not (lights_move or geometry_moves):
         return nothing, jnp.zeros_like(nothing)
     plan = plan._replace(lights_move=lights_move, geometry_moves=geometry_moves)

@@ -5,8 +5,15 @@ from functools import cache
 from typing import Any, TypeVar, cast, dataclass_transform
 
 import jax
+import jax.numpy as jnp
 
 T = TypeVar("T")
+
+
+def dtype_of(tree: Any) -> Any:
+    """Return the dtype of the tree's numbers, which is the same for all: float32 where there are none."""
+    dtypes = map(jnp.result_type, jax.tree.leaves(tree))
+    return next((dtype for dtype in dtypes if jnp.issubdtype(dtype, jnp.floating)), jnp.dtype(jnp.float32))
 
 
 def static(**options: Any) -> Any:

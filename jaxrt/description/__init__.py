@@ -1,52 +1,37 @@
 """What a scene is, in words and plain numbers: the validated form of a scene file or of a dict."""
 
-import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from pydantic import (
     BaseModel,
     BeforeValidator,
-    Field,
     PlainValidator,
     ValidationError,
-    ValidationInfo,
-    field_validator,
     model_validator,
 )
 
 from jaxrt.core.messages import SceneError, SceneWarning, nearest, show
-from jaxrt.description.kinds import MATERIALS
+from jaxrt.description.kinds import CAMERAS, LIGHTS, MATERIALS
 from jaxrt.description.mesh import MeshDescription
 from jaxrt.description.mesh_facts import COLLINEAR
 from jaxrt.description.values import (
-    BRIGHTEST,
-    BRIGHTEST_SURFACE,
     FLOAT32_TINY,
-    PARALLEL,
-    SHORTEST,
-    TOO_BRIGHT,
     Count,
-    Fov,
-    LightRadius,
     Name,
     Radius,
     Rgb,
     Table,
     Vector,
     complaint,
-    number,
-    plain,
     tables,
     three,
 )
 
 __all__ = [
-    "CameraDescription",
     "EnvironmentDescription",
-    "LightDescription",
     "MaterialDescription",
     "MeshDescription",
     "RenderDefaults",
@@ -60,35 +45,6 @@ __all__ = [
     "parse_description",
     "show",
 ]
-
-
-class CameraDescription(Table):
-    """A pinhole camera; `fov` is vertical, in degrees."""
-
-    position: Vector
-    target: Vector = Field(default=None, validate_default=True)
-    up: Vector = (0.0, 1.0, 0.0)
-    fov: Fov = 60.0
-    width: Count = 512
-    height: Count = 512
-
-    @field_validator("target", mode="before")
-    @classmethod
-    def _look_along_minus_z(cls, value: Any, info: ValidationInfo) -> Any:
-        x, y, z = info.data.get("position", (0.0, 0.0, 0.0))
-        return (x, y, z - 1) if value is None else value
-
-    @model_validator(mode="after")
-    def _check_frame(self) -> Self:
-        view = np.subtract(self.target, self.position)
-        length, up_length = np.linalg.norm(view), np.linalg.norm(self.up)
-        if length < SHORTEST:
-            raise complaint("is the camera's position: nothing to look along, move one of them", "target")
-        if up_length < SHORTEST:
-            raise complaint(f"{show(self.up)} is zero: use a direction such as [0, 1, 0]", "up")
-        if np.linalg.norm(np.cross(view, self.up)) <= PARALLEL * length * up_length:
-            raise complaint(f"{show(self.up)} is parallel to the view: choose another direction", "up")
-        return self
 
 
 class RenderDefaults(Table):
@@ -136,33 +92,6 @@ class TriangleDescription(Table):
 Solid = SphereDescription | TriangleDescription
 
 
-class LightDescription(Table):
-    """A point light (radius 0) or a spherical light; intensity in W/sr."""
-
-    position: Vector
-    intensity: Rgb
-    radius: LightRadius = 0.0
-
-    @field_validator("intensity", mode="before")
-    @classmethod
-    def _grey(cls, value: Any) -> Any:
-        value = plain(value)
-        if isinstance(value, list | tuple):
-            return value
-        grey = number(value)
-        if grey < 0:
-            raise complaint(f"{show(value)} is negative: light cannot be, use 0 or more")
-        if grey > BRIGHTEST:
-            raise complaint(f"{show(value)} {TOO_BRIGHT}")
-        return (grey, grey, grey)
-
-    @model_validator(mode="after")
-    def _check_radiance(self) -> Self:
-        if self.radius and max(self.intensity) / (math.pi * self.radius**2) > BRIGHTEST_SURFACE:
-            raise complaint(f"{self.radius} makes the radiance too large for float32: use 0", "radius")
-        return self
-
-
 def _check_types(value: Any) -> Any:
     """Refuse materials without a known type, before the type picks their model."""
     if not isinstance(value, Mapping):
@@ -176,17 +105,40 @@ def _check_types(value: Any) -> Any:
     return value
 
 
+class Lamp(NamedTuple):
+    """A light that shines from a place."""
+
+    number: int  # in the scene file
+    position: np.ndarray  # (3,)
+    radius: float  # 0 for a point
+
+
 class SceneDescription(Table):
     """A whole scene. Rows of `spheres`, `meshes`, `triangles` and `lights` keep the order of the file."""
 
-    camera: CameraDescription
+    camera: Annotated[Any, BeforeValidator(CAMERAS.validate)]
     render: RenderDefaults = RenderDefaults()
     environment: EnvironmentDescription | None = None
     materials: Annotated[dict[Name, MaterialDescription], BeforeValidator(_check_types)] = {}
     spheres: Annotated[tuple[SphereDescription, ...], BeforeValidator(tables)] = ()
     meshes: Annotated[tuple[MeshDescription, ...], BeforeValidator(tables)] = ()
     triangles: Annotated[tuple[TriangleDescription, ...], BeforeValidator(tables)] = ()
-    lights: Annotated[tuple[LightDescription, ...], BeforeValidator(tables)] = ()
+    lights: Annotated[tuple[Annotated[Any, BeforeValidator(LIGHTS.validate)], ...], BeforeValidator(tables)] = ()
+
+    @property
+    def eye(self) -> np.ndarray | None:
+        """Where the camera is, (3,); None where it has no place."""
+        place = CAMERAS.kind_of(self.camera).anchor
+        return None if place is None else np.asarray(getattr(self.camera, place), float)
+
+    @property
+    def lamps(self) -> list[Lamp]:
+        """The lights that shine from a place."""
+        return [
+            Lamp(i, np.asarray(light.position, float), getattr(light, "radius", 0.0))
+            for i, light in enumerate(self.lights)
+            if hasattr(light, "position")
+        ]
 
     @property
     def used(self) -> set[str]:
@@ -201,8 +153,10 @@ class SceneDescription(Table):
 
         What is far off is computed with relative to it, since float32 coordinates near 1e6 are 1/16 apart.
         """
-        eye = np.asarray(self.camera.position, float)
-        points = [eye, *(np.asarray(light.position, float) for light in self.lights)]
+        eye = self.eye
+        if eye is None:  # whatever it is counted from stays where it is
+            return np.zeros(3)
+        points = [eye, *(lamp.position for lamp in self.lamps)]
         points += [np.asarray(corner, float) for t in self.triangles for corner in t.vertices]
         points += [corner for mesh in self.meshes for corner in (mesh.world.min(axis=0), mesh.world.max(axis=0))]
         for sphere in self.spheres:

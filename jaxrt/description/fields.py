@@ -8,12 +8,49 @@ range; `Annotated[Vector, Measure("fixed", "xyz", "[0, 1, 0]")]` makes a field t
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
-from pydantic import AfterValidator
+from pydantic import AfterValidator, BeforeValidator
 
 from jaxrt.description import values
-from jaxrt.description.values import Measure, Number, Size, complaint, require, show
+from jaxrt.description.values import (
+    BRIGHTEST,
+    TOO_BRIGHT,
+    Measure,
+    Number,
+    Size,
+    complaint,
+    number,
+    plain,
+    require,
+    show,
+)
 
-__all__ = ["Albedo", "Angle", "Direction", "Fraction", "Ior", "Place", "Positive", "Radius", "Real", "Rgb"]
+__all__ = [
+    "Albedo",
+    "Angle",
+    "Direction",
+    "Fraction",
+    "Ior",
+    "LightRadius",
+    "Place",
+    "Positive",
+    "Radius",
+    "Real",
+    "Rgb",
+    "Up",
+]
+
+
+def _grey(value: Any) -> Any:
+    """Return three values of a list, or one number for each channel."""
+    value = plain(value)
+    if isinstance(value, list | tuple):
+        return value
+    grey = number(value)
+    if grey < 0:
+        raise complaint(f"{show(value)} is negative: light cannot be, use 0 or more")
+    if grey > BRIGHTEST:
+        raise complaint(f"{show(value)} {TOO_BRIGHT}")
+    return (grey, grey, grey)
 
 
 def _not_zero(value: tuple[float, ...]) -> tuple[float, ...]:
@@ -28,15 +65,17 @@ if TYPE_CHECKING:  # arrays to those who compute with them, numbers and tuples t
     Direction: TypeAlias = Any
     Fraction: TypeAlias = Any
     Ior: TypeAlias = Any
+    LightRadius: TypeAlias = Any
     Place: TypeAlias = Any
     Positive: TypeAlias = Any
     Radius: TypeAlias = Any
     Real: TypeAlias = Any
     Rgb: TypeAlias = Any
+    Up: TypeAlias = Any
 else:
-    # Colours: share of each channel that is reflected; light of each channel
+    # Colours: share of each channel that is reflected; light of each channel, one number for grey
     Albedo = Annotated[values.Albedo, Measure("fraction", "rgb", "[0.8, 0.8, 0.8]", tints=True)]
-    Rgb = Annotated[values.Rgb, Measure("positive", "rgb", "[1, 1, 1]", tints=True)]
+    Rgb = Annotated[values.Rgb, BeforeValidator(_grey), Measure("positive", "rgb", "[1, 1, 1]", tints=True)]
     # Single numbers
     Fraction = Annotated[
         Number,
@@ -49,7 +88,9 @@ else:
     Real = Annotated[Number, Measure("free", "", "0")]
     Ior = Annotated[values.Ior, Measure("positive", "", "1.5", step=0.02)]
     Radius = Annotated[values.Radius, Measure("positive", "", "10")]
+    LightRadius = Annotated[values.LightRadius, Measure("positive", "", "1")]  # 0 for a point
     Angle = Annotated[values.Fov, Measure("angle", "", "60")]  # degrees, between 0 and 180
     # Three numbers
     Place = Annotated[values.Vector, Measure("place", "xyz", "[0, 0, 0]")]  # moves with the scene's origin
     Direction = Annotated[values.Vector, AfterValidator(_not_zero), Measure("free", "xyz", "[0, 1, 0]")]
+    Up = Annotated[values.Vector, Measure("fixed", "xyz", "[0, 1, 0]")]  # a direction that is no parameter

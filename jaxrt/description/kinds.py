@@ -31,7 +31,7 @@ from pydantic import BaseModel, Field, ValidationError, create_model
 from pydantic.fields import FieldInfo
 
 from jaxrt.core.messages import nearest, show
-from jaxrt.description.values import Measure, Table, complaint, measure_of
+from jaxrt.description.values import Count, Measure, Table, complaint, measure_of
 
 T = TypeVar("T")
 RESERVED = {"type", "kind", "Table"}
@@ -50,6 +50,11 @@ class Kind(NamedTuple):
     def parameters(self) -> dict[str, Measure]:
         """The fields that derivatives can be taken of."""
         return {field: measure for field, measure in self.measures.items() if measure.range != "fixed"}
+
+    @property
+    def anchor(self) -> str | None:
+        """The first of the fields that are places: where such a thing is."""
+        return next((field for field, measure in self.measures.items() if measure.range == "place"), None)
 
     @property
     def place(self) -> str:
@@ -85,15 +90,17 @@ class Family:
         *,
         default: str | None = None,
         rows: bool = True,
+        shared: Mapping[str, tuple[Any, Any]] | None = None,
     ) -> None:
         """Make an empty family.
 
         word: "material"; ours are in jaxrt.materials. owner: first part of its parameters' names. methods: what a class
         must have. statics: what a class may say, and what it says if it does not.
         default: the type of a table that names none. rows: whether there are many in a scene, as rows of arrays.
+        shared: fields that all have, their type and default.
         """
         self.word, self.owner, self.default = word, owner, default
-        self._methods, self._statics, self._rows = methods, statics, rows
+        self._methods, self._statics, self._rows, self._shared = methods, statics, rows, shared or {}
         self._kinds: dict[str, Kind] = {}
 
     @dataclass_transform(frozen_default=True)
@@ -106,6 +113,9 @@ class Family:
         from jaxrt.core.pytree import pytree, static
 
         name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", cls.__name__).lower()
+        for field in self._shared.keys() - get_type_hints(cls).keys():
+            cls.__annotations__[field], default = self._shared[field]
+            setattr(cls, field, default)
         measures, settings, columns = self._fields(cls, name)
         base: Any = getattr(cls, "Table", Table)
         columns = {"type": (Literal[name], name), **columns}
@@ -248,16 +258,28 @@ def _of_material(cls: Any) -> Sequence[str]:
 
 
 def _of_light(cls: Any) -> Sequence[str]:
-    return ("sample",)
+    return ("sample",) if cls.is_delta else ("sample", "pdf", "emitted")
 
 
 def _of_camera(cls: Any) -> Sequence[str]:
-    return ("ray",)
+    if cls.is_central and "position" not in get_type_hints(cls) and not hasattr(cls, "position"):
+        raise TypeError(
+            f"camera {cls.__qualname__}: is central and has no position: make it a field, `position: Place`"
+        )
+    return ("ray", "project") if cls.is_central else ("ray",)
 
 
 MATERIALS = Family(
     "material", "materials", _of_material, {"is_delta": False, "is_lambertian": False, "transmits": False}
 )
-LIGHTS = Family("light", "lights", _of_light, {"is_delta": False}, default="point")
-CAMERAS = Family("camera", "camera", _of_camera, {"is_central": False}, default="pinhole", rows=False)
+LIGHTS = Family("light", "lights", _of_light, {"is_delta": False}, default="sphere")
+CAMERAS = Family(
+    "camera",
+    "camera",
+    _of_camera,
+    {"is_central": False},
+    default="pinhole",
+    rows=False,
+    shared={"width": (Count, 512), "height": (Count, 512)},
+)
 material, light, camera = MATERIALS, LIGHTS, CAMERAS

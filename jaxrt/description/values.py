@@ -20,7 +20,6 @@ BRIGHTEST = 1e30  # light is summed over lights, events and samples in float32, 
 BRIGHTEST_SURFACE = 1e35  # of a sphere light: so small a one is seen by few samples, if by any
 TOO_BRIGHT = "is so bright that sums of light overflow float32: use 1e30 or less"
 COUNT_MAX = 2**31 - 1  # sample numbers and pixels are int32
-PARALLEL = 1e-6  # sine of the angle between up and view below which the camera's frame is noise in float32
 
 EXAMPLES = {
     "camera": "a table [camera] with position = [0, 0, 55]",

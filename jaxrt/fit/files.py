@@ -18,7 +18,7 @@ from jaxrt.io.color import gamma_encode, srgb_encode
 from jaxrt.io.files import SCENE_BYTES, read_bytes
 from jaxrt.io.image import load_image
 from jaxrt.io.scene_file import read_text
-from jaxrt.scene.selectors import Selector, material_names
+from jaxrt.scene.selectors import Selector, material_names, place_in_file
 
 Floats = NDArray[np.floating]
 
@@ -97,7 +97,7 @@ def _place(document: Any, selector: Selector, text: str, scene: SceneDescription
         if name not in document.get("materials", {}):
             raise SceneError(f"{text}: comes from a mesh file: write [materials.{name}] into the scene to fit it")
         return document["materials"][name], field
-    return document[owner][selector.row], field
+    return document[owner][place_in_file(scene, selector)], field
 
 
 def write_report(path: Path, report: Mapping[str, Any]) -> None:

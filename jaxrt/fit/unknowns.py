@@ -15,6 +15,7 @@ from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
 from jaxrt.description import SceneError
+from jaxrt.lights import casters_of
 from jaxrt.scene import Scene
 from jaxrt.scene.measures import measure
 from jaxrt.scene.parameters import parameters, with_parameters
@@ -66,7 +67,7 @@ class Unknowns(NamedTuple):
         """Return the vector (k,) of the scene's own values, kept a little inside the bounds."""
         values = parameters(scene)
         parts = [_free(row, np.asarray(row.selector.pick(values[row.selector.name])), self.length) for row in self.rows]
-        return np.concatenate(parts).astype(scene.camera.position.dtype)
+        return np.concatenate(parts).astype(scene.dtype)
 
     def apply(self, scene: Scene, vector: Array) -> Scene:
         """Return the scene with the values that the vector stands for: pure, differentiable in the vector."""
@@ -139,18 +140,19 @@ def unknowns_of(scene: Scene, selectors: Mapping[str, Selector]) -> Unknowns:
 
 def scene_length(scene: Scene) -> float:
     """Return the diagonal of the box around camera, lights, triangles and all but huge spheres, in scene units."""
-    eye = np.asarray(scene.camera.position, float)
-    points: list[Floats] = [eye[None], np.asarray(scene.camera.target, float)[None]]
+    camera, eye = scene.camera, np.zeros(3) if scene.eye is None else np.asarray(scene.eye, float)
+    fields = [field for field, known in camera.kind.parameters.items() if known.range == "place"]
+    points: list[Floats] = [np.asarray(getattr(camera, field), float)[None] for field in fields]
     if scene.lights is not None:
-        points.append(np.asarray(scene.lights.position, float))
+        points.append(np.asarray(casters_of(scene.lights)[0], float))
     if scene.triangles is not None:
         points.append(np.asarray(scene.triangles.vertices, float))
     if scene.spheres is not None:
         center, radius = np.asarray(scene.spheres.center, float), np.asarray(scene.spheres.radius, float)[:, None]
         small = 2 * radius[:, 0] < np.linalg.norm(center - eye, axis=1)
         points += [(center - radius)[small], (center + radius)[small]]
-    box = np.concatenate(points)
-    return float(np.linalg.norm(box.max(axis=0) - box.min(axis=0)))
+    box = np.concatenate(points or [eye[None]])
+    return float(np.linalg.norm(box.max(axis=0) - box.min(axis=0))) or 1.0
 
 
 def all_rows(texts: Sequence[str], scene: Scene) -> list[str]:

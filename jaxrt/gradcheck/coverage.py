@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxrt.gradcheck.surfaces import movers_of, nothing_faces_another, some_cross, surfaces_of
+from jaxrt.lights import casters_of
 from jaxrt.scene import Scene
 from jaxrt.scene.measures import measure
 
@@ -13,6 +14,8 @@ _MOVES_EDGES = ("spheres", "meshes", "camera")
 CROSSING = "curves where surfaces cross"
 SKY = "outlines before the sky as diffuse surfaces see them"
 INDIRECT = "edges in indirect light of moving shapes or cameras"
+AFAR = "shadow edges of lights that are at no place"
+SCATTERED = "all edges: the camera's rays start at many places"
 LIGHTS = "outlines of lights that block bounced light"
 SPECULAR = "edges seen in mirrors and through glass"
 REFRACTED = "edges seen through glass"
@@ -29,10 +32,12 @@ class Coverage(NamedTuple):
 def coverage(scene: Scene, name: str, max_depth: int, boundary_samples: int, row: int | None = None) -> Coverage:
     """Return what derivatives with respect to a parameter's row contain, and what not. None: those of any row."""
     light_moves = name in {"lights.position", "lights.radius"}
-    shapes_move = name.split(".")[0] in _MOVES_EDGES
+    shapes_move = name.split(".")[0] in _MOVES_EDGES and not measure(name).tints
     known = _known_edges(scene, light_moves, shapes_move, max_depth)
     missing = _unknown_edges(scene, name, row, max_depth) if light_moves or shapes_move else []
-    missing += _bent_edges(scene, name)
+    missing += [*_bent_edges(scene, name), *_far_edges(scene, name, shapes_move)]
+    if known and not scene.camera.is_central:
+        known, missing = [], [SCATTERED]
     if boundary_samples:
         return Coverage(bool(known), ("interior", *known), tuple(missing))
     return Coverage(False, ("interior",), (*(f"{edge} (boundary_samples is 0)" for edge in known), *missing))
@@ -47,12 +52,22 @@ def _bent_edges(scene: Scene, name: str) -> list[str]:
     return list(dict.fromkeys(REFRACTED if kind.transmits else SPECULAR for kind in bending))
 
 
+def _far_edges(scene: Scene, name: str, shapes_move: bool) -> list[str]:
+    """Return what derivatives lack where shadows move in the light of lights that have no place."""
+    owner, field = name.split(".")
+    far = [] if scene.lights is None else [k for k in scene.lights.others if k.is_delta and not hasattr(k, "position")]
+    turned = owner == "lights" and not measure(name).tints and any(field in kind.kind.parameters for kind in far)
+    shadows = scene.materials.are_lit and (scene.spheres is not None or scene.triangles is not None)
+    return [AFAR] if shadows and (turned or (far and shapes_move)) else []
+
+
 def _known_edges(scene: Scene, light_moves: bool, shapes_move: bool, max_depth: int) -> list[str]:
     outlines = scene.spheres is not None or scene.triangles is not None
     diffuse = scene.materials.are_lit
     sphere_lights = scene.lights is not None and scene.lights.radius is not None
     edges = []
-    if (light_moves or shapes_move) and scene.lights is not None and outlines and diffuse:
+    lamps = scene.lights is not None and casters_of(scene.lights)[0].shape[0] > 0
+    if (light_moves or shapes_move) and lamps and outlines and diffuse:
         edges.append("shadow edges")
     if (shapes_move and (outlines or sphere_lights)) or (light_moves and sphere_lights):
         edges.append("outlines seen by the camera" if shapes_move else "outlines of lights seen by the camera")
@@ -69,7 +84,8 @@ def _unknown_edges(scene: Scene, name: str, row: int | None, max_depth: int) -> 
     ball_light_moves = light_moves and bool(np.any(surfaces.radii[movers.balls] > 0))
     sphere_lights = scene.lights is not None and scene.lights.radius is not None
     sky = scene.environment is not None and bool(np.any(np.asarray(scene.environment) > 0))
-    faced = not nothing_faces_another(surfaces, np.asarray(scene.camera.position, float))
+    sky = sky or (scene.lights is not None and any(scene.lights.skies()))
+    faced = scene.eye is None or not nothing_faces_another(surfaces, np.asarray(scene.eye, float))
     bounces = faced and scene.materials.are_lit
     edges = []
     if some_cross(surfaces, movers):

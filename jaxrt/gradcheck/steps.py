@@ -8,7 +8,9 @@ import numpy as np
 from jaxrt.description import SceneError
 from jaxrt.description.box_tree import Floats
 from jaxrt.gradcheck.surfaces import Surfaces, gaps, surfaces_of
+from jaxrt.lights import casters_of
 from jaxrt.scene import Scene
+from jaxrt.scene.lights import light_numbers
 from jaxrt.scene.measures import measure
 from jaxrt.scene.parameters import parameters
 from jaxrt.scene.selectors import Selector
@@ -42,18 +44,22 @@ def default_step(scene: Scene, selector: Selector, value: float) -> float:
 
 def _lengths(scene: Scene, selector: Selector, reach: float) -> Iterator[float]:
     """Yield the lengths over which a picture changes its ways as the row of a place or radius moves."""
-    surfaces, (owner, _) = surfaces_of(scene), selector.name.split(".")
+    surfaces, (owner, field) = surfaces_of(scene), selector.name.split(".")
     if owner == "meshes":
         yield _shortest_side(surfaces, selector.row)
         return
-    eye = np.asarray(scene.camera.position, float)
-    if selector.name == "camera.target":
-        yield float(np.linalg.norm(np.asarray(scene.camera.target, float) - eye))
+    center, radius, own = _eye(scene), 0.0, None
+    if owner == "camera" and field != scene.camera.kind.anchor:
+        # What it looks at, as seen from where it is
+        yield float(np.linalg.norm(np.asarray(getattr(scene.camera, field), float) - center))
         return
-    center, radius, own = eye, 0.0, None
     if owner != "camera":
         assert selector.row is not None
-        own = selector.row + (0 if owner == "spheres" or scene.spheres is None else len(scene.spheres.radius))
+        own = selector.row
+        if owner == "lights":
+            if selector.name not in ("lights.position", "lights.radius"):
+                return
+            own = light_numbers(scene, selector.name)[own] + (0 if scene.spheres is None else len(scene.spheres.radius))
         center, radius = surfaces.centers[own], float(surfaces.radii[own])
     if radius > 0:
         yield radius
@@ -66,12 +72,17 @@ def _shortest_side(surfaces: Surfaces, vertex: int | None) -> float:
     return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).min(initial=np.inf))
 
 
+def _eye(scene: Scene) -> Floats:
+    """Return where the camera is (3,), or the origin."""
+    return np.zeros(3) if scene.eye is None else np.asarray(scene.eye, float)
+
+
 def _reach(scene: Scene) -> float:
     """Return a typical distance from the camera to what the scene is made of, huge spheres left out."""
-    eye = np.asarray(scene.camera.position, float)
+    eye = _eye(scene)
     places: list[Floats] = []
     if scene.lights is not None:
-        places.append(np.asarray(scene.lights.position, float))
+        places.append(np.asarray(casters_of(scene.lights)[0], float))
     if scene.spheres is not None:
         center, radius = np.asarray(scene.spheres.center, float), np.asarray(scene.spheres.radius, float)
         places.append(center[2 * radius < np.linalg.norm(center - eye, axis=-1)])

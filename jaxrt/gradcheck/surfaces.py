@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 from jaxrt.description.box_tree import Floats, Ints, box_distances, box_tree, descend
 from jaxrt.description.mesh_facts import count_edges, cross, faces_with_area, triangle_distances
 from jaxrt.description.mesh_pairs import TOUCHING, faces_cross
+from jaxrt.lights import casters_of
 from jaxrt.scene import Scene
+from jaxrt.scene.lights import light_numbers
 
 Mask = NDArray[np.bool_]
 
@@ -17,7 +19,7 @@ LARGEST = 4_000_000  # faces times vertices of a mesh that is tested for convexi
 
 
 class Surfaces(NamedTuple):
-    """Spheres, then lights (points have radius 0), and triangles."""
+    """Spheres, then lights that have a place (points have radius 0), and triangles."""
 
     centers: Floats  # (n, 3)
     radii: Floats  # (n,)
@@ -47,9 +49,9 @@ def surfaces_of(scene: Scene) -> Surfaces:
         # As `shapes.sphere` draws them
         radii.append(np.where(radius > np.sqrt(squared) / 2, np.sqrt(np.maximum(squared - power, 0)), radius))
     if scene.lights is not None:
-        centers.append(np.asarray(scene.lights.position, float))
-        points = scene.lights.radius is None
-        radii.append(np.zeros(len(centers[-1])) if points else np.asarray(scene.lights.radius, float))
+        places, sizes, _ = casters_of(scene.lights)
+        centers.append(np.asarray(places, float))
+        radii.append(np.zeros(len(places)) if sizes is None else np.asarray(sizes, float))
     vertices, faces = np.zeros((0, 3)), np.zeros((0, 3), np.int64)
     if scene.triangles is not None:
         vertices, faces = np.asarray(scene.triangles.vertices, float), np.asarray(scene.triangles.faces, np.int64)
@@ -67,7 +69,7 @@ def movers_of(scene: Scene, surfaces: Surfaces, name: str, row: int | None) -> M
     elif name.startswith("spheres."):
         balls[:spheres][rows] = True
     elif name in ("lights.position", "lights.radius"):
-        balls[spheres:][rows] = True
+        balls[spheres + light_numbers(scene, name)[rows]] = True
     elif name == "meshes.vertices":
         faces[:] = True if row is None else np.any(surfaces.faces == row, axis=1)
     return Movers(balls, faces)

@@ -1,30 +1,111 @@
-"""Point and spherical lights: one record, one formula; radius 0 is a point.
+"""All lights of a scene, behind `sample_light` and what rays see of them; one file a kind.
 
-A sphere light of intensity I has radiance I/(πr²). Sampling the cap seen from a point at distance d by solid angle
-gives the irradiance I · 2/(d² (1 + √(1 − s²))), s = r/d: finite at r = 0, where it is I/d², and free of the
-cancellation in 1 − cosθ_max that breaks small lights.
+Lights are numbered by kind: the spherical ones (a point has radius 0), then those of other kinds.
 """
 
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any, TypeGuard
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
+from jax.typing import DTypeLike
 
-from jaxrt.core.maths import dot, normalize, safe_divide, safe_sqrt, unit_roundoff
-from jaxrt.core.pytree import pytree
+from jaxrt.core.maths import dot, safe_divide
+from jaxrt.core.pytree import pytree, static
 from jaxrt.core.records import LightSample
-from jaxrt.core.sampling import cone_of_sphere, pdf_visible_cap, sample_cone, sample_visible_cap
+from jaxrt.description.kinds import LIGHTS
 from jaxrt.kernels.gather import take
+from jaxrt.lights.interface import Pair, picked
+from jaxrt.lights.pick import pick, shares_of
+
+__all__ = [
+    "LightTable",
+    "Lights",
+    "emitted_radiance",
+    "intensity_toward",
+    "light_table",
+    "lights_of",
+    "pick",
+    "places_of",
+    "row_of",
+    "sample_light",
+    "sample_light_attached",
+    "share_of",
+    "shines_from_afar",
+    "sky_radiance",
+]
+
+LIGHTS.load("sphere")
+_SPHERE = LIGHTS.kinds["sphere"]
 
 
 @pytree
 class Lights:
-    """All lights of a scene. `radius` is None when every light is a point."""
+    """All lights of a scene. `radius` is None when every spherical light is a point, all three when there is none."""
 
-    position: Array  # (n, 3) scene units
-    intensity: Array  # (n, 3) W·sr⁻¹
+    position: Any  # (n, 3) scene units
+    intensity: Any  # (n, 3) W·sr⁻¹
     radius: Array | None  # (n,) scene units, >= 0
+    others: tuple[Any, ...] = ()  # of each other kind that is there, a row a light
+    rows: tuple[int, ...] = static(default=())  # how many these are
+
+    @property
+    def kinds(self) -> tuple[tuple[Any, int], ...]:
+        """Each kind that is there, and its number of lights."""
+        others = tuple(zip(self.others, self.rows, strict=True))
+        if self.position is None:
+            return others
+        return (self.spheres, self.position.shape[0]), *others
+
+    @property
+    def spheres(self) -> Any:
+        """The spherical lights."""
+        return _SPHERE.cls(self.position, self.intensity, self.radius)
+
+    def numbered(self) -> Iterator[tuple[Any, int, int]]:
+        """Yield each kind that is there, the number of its first light, and how many it has."""
+        first = 0
+        for kind, n in self.kinds:
+            yield kind, first, n
+            first += n
+
+    def skies(self) -> Iterator[tuple[Any, int, int]]:
+        """Yield the kinds that a ray sees which meets nothing, as `numbered` does."""
+        yield from ((kind, *rows) for kind, *rows in self.numbered() if not (_is_sphere(kind) or kind.is_delta))
+
+    def replaced(self, old: Any, new: Any) -> "Lights":
+        """Return the lights with the rows of one kind exchanged."""
+        if _is_sphere(new):
+            return replace(self, position=new.position, intensity=new.intensity, radius=new.radius)
+        return replace(self, others=tuple(new if kind is old else kind for kind in self.others))
+
+    @property
+    def count(self) -> int:
+        """Number of lights."""
+        return sum(n for _, n in self.kinds)
+
+
+def lights_of(tables: Sequence[Any], dtype: DTypeLike, origin: np.ndarray) -> Lights | None:
+    """Return the lights that tables of the scene file describe; places are counted from the origin."""
+    found: dict[str, list[Any]] = {name: [] for name in LIGHTS.kinds}
+    for table in tables:
+        found[table.type].append(table)
+    kinds = {name: LIGHTS.kinds[name].stack(those, dtype, origin) for name, those in found.items() if those}
+    own = kinds.pop(_SPHERE.name, None)
+    points = own is None or not any(table.radius for table in found[_SPHERE.name])
+    ours = (None, None, None) if own is None else (own.position, own.intensity, None if points else own.radius)
+    # Those that cast shadows of known edges come first
+    names = sorted(kinds, key=lambda name: not hasattr(kinds[name], "position"))
+    others, rows = tuple(kinds[name] for name in names), tuple(len(found[name]) for name in names)
+    return Lights(ours[0], ours[1], ours[2], others, rows) if tables else None
+
+
+def _is_sphere(kind: Any) -> bool:
+    return isinstance(kind, _SPHERE.cls)
 
 
 @pytree
@@ -37,105 +118,112 @@ class LightTable:
 
 def light_table(lights: Lights) -> LightTable:
     """Return the lights with the probabilities to pick them: by power, equal where all are dark. No derivative."""
-    n = lights.intensity.shape[0]
-    if n == 1:
-        return LightTable(lights, None)
-    power = lax.stop_gradient(jnp.sum(lights.intensity, -1))
-    power = jnp.where(jnp.sum(power) > 0, power, 1)
-    # A light of no power keeps a small chance, so that its intensity has a derivative
-    share = 0.99 * power / jnp.sum(power) + 0.01 / n
-    return LightTable(lights, jnp.cumsum(share).at[-1].set(1))
+    return LightTable(lights, None if lights.count == 1 else shares_of(powers_of(lights)))
 
 
-def _pick_light(table: LightTable, u: Array) -> tuple[Array, Array, Array]:
-    """Return (light, its probability, the number u made uniform again)."""
-    if table.pick is None:
-        return jnp.int32(0), jnp.ones_like(u), u
-    cumulative = table.pick.astype(u.dtype)
-    light = jnp.minimum(jnp.sum(u >= cumulative).astype(jnp.int32), cumulative.shape[0] - 1)
-    below = jnp.where(light > 0, cumulative[jnp.maximum(light - 1, 0)], 0)
-    share = cumulative[light] - below
-    return light, share, jnp.clip((u - below) / share, 0, 1 - 2 * unit_roundoff(u))
+def powers_of(lights: Lights) -> Array:
+    """Return the power (n,) of each light; of one that does not tell, the mean of the others."""
+    known = [_powers(kind, n) for kind, n in lights.kinds]
+    told = [power for power in known if power is not None]
+    if len(told) == len(known) == 1:
+        return told[0]
+    mean = jnp.mean(jnp.concatenate(told)) if told else jnp.ones(())
+    powers = zip(known, lights.kinds, strict=True)
+    return jnp.concatenate([jnp.full(n, mean) if power is None else power for power, (_, n) in powers])
 
 
-def sample_light(table: LightTable, point: Array, u: tuple[Array, Array]) -> LightSample:
-    """Return a light sample for a point: one light, and for a sphere one direction uniform in the cone it fills.
-
-    A point inside a sphere light gets nothing from it. The irradiance is divided by the light's probability.
-    """
-    lights = table.lights
-    light, share, u0 = _pick_light(table, u[0])
-    position, intensity = take(lights.position, light), take(lights.intensity, light)
-    toward = position - point
-    squared = dot(toward, toward)
-    distance = safe_sqrt(squared)
-    axis = normalize(toward)
-    rounding = 8 * unit_roundoff(point) * (jnp.sum(jnp.abs(position)) + distance)
-    if lights.radius is None:
-        return LightSample(axis, distance - rounding, intensity * safe_divide(1 / share, squared), light)
-    s = safe_divide(take(lights.radius, light), distance)
-    s2 = jnp.minimum(s * s, 1)
-    outside = s < 1
-    x = cone_of_sphere(s2)
-    direction = sample_cone(axis, x, (u0, u[1]))
-    # Where the direction meets the light: d (cosα − √(s² − sin²α)), with 1 − cosα as the variable
-    one_minus_cos = x * u[1]
-    gap = safe_sqrt(s2 - one_minus_cos * (2 - one_minus_cos))
-    near = distance * (1 - one_minus_cos - gap)
-    root = safe_sqrt(1 - s2)
-    irradiance = intensity * jnp.where(outside, safe_divide(2 / share, squared * (1 + root)), 0)
-    return LightSample(direction, near - rounding, irradiance, light)
+def _powers(kind: Any, n: int) -> Array | None:
+    if _is_sphere(kind):
+        return jnp.sum(kind.intensity, -1)  # of all rows at once
+    return lax.map(lambda i: row_of(kind, i).power(), jnp.arange(n)) if hasattr(kind, "power") else None
 
 
-def sample_light_attached(table: LightTable, point: Array, u: tuple[Array, Array]) -> LightSample:
-    """Return a light sample for a point whose derivatives hold its place on the light fixed: c + r ω, ω constant.
-
-    ω is uniform over the disk that the visible cap fills. The irradiance is that of the area around ω over the density
-    of ω, I/π · cosθ_y / (|x − y|² pdf): finite at r = 0. Sampled from the cone instead, derivatives would either hold
-    other things fixed than the moving edges do, or have infinite variance.
-    """
-    lights = table.lights
-    if lights.radius is None:
-        return sample_light(table, point, u)
-    light, share, u0 = _pick_light(table, u[0])
-    center, intensity, radius = (take(field, light) for field in (lights.position, lights.intensity, lights.radius))
-    # Choose the place without derivative
-    away = lax.stop_gradient(point - center)
-    s = safe_divide(lax.stop_gradient(radius), safe_sqrt(dot(away, away)))
-    axis = normalize(away)
-    omega = sample_visible_cap(axis, jnp.minimum(s, 1), (u0, u[1]))
-    pdf = pdf_visible_cap(dot(axis, omega), jnp.minimum(s, 1))
-    # Look at it from the point
-    direction, distance, facing = _view(center + radius * omega - point, omega)
-    weight = jnp.where((s < 1) & (pdf > 0), safe_divide(jnp.ones_like(pdf), jnp.pi * pdf * share), 0)
-    rounding = 8 * unit_roundoff(point) * (jnp.sum(jnp.abs(center)) + radius + distance)
-    return LightSample(direction, distance - rounding, intensity * (facing * weight), light)
+def sample_light(table: LightTable, point: Array, u: Pair) -> LightSample:
+    """Return a light sample for a point: one light, one direction. The irradiance is divided by its probability."""
+    return _sample(table, point, u, False)
 
 
-@jax.custom_jvp
-def _view(v: Array, omega: Array) -> tuple[Array, Array, Array]:
-    """Return direction and length of v, and max(−cos∠(v, ω), 0)/|v|²: how a piece of surface looks from v away.
-
-    omega: the unit normal there, held fixed. The derivatives are written out: backwards, they need to remember little.
-    """
-    squared = dot(v, v)
-    direction = normalize(v)
-    return direction, safe_sqrt(squared), safe_divide(jnp.maximum(-dot(direction, omega), 0), squared)
+def sample_light_attached(table: LightTable, point: Array, u: Pair) -> LightSample:
+    """Return a light sample for a point whose derivatives hold its place on the light fixed."""
+    return _sample(table, point, u, True)
 
 
-@_view.defjvp
-def _view_jvp(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Any, Any]:
-    (v, omega), dv = primals, tangents[0]
-    direction, distance, facing = view = _view(v, omega)
-    inverse = safe_divide(jnp.ones_like(distance), distance)
-    slope = jnp.where(facing > 0, inverse * inverse * inverse, 0) * (3 * dot(omega, direction) * direction - omega)
-    along = dot(direction, dv)
-    return view, ((dv - along * direction) * inverse, along, dot(slope, dv))
+def _sample(table: LightTable, point: Array, u: Pair, attached: bool) -> LightSample:
+    light, share, u0 = pick(table.pick, u[0])
+    found: Any = None
+    for kind, first, n in table.lights.numbered():
+        one = row_of(kind, light if len(table.lights.kinds) == 1 else jnp.clip(light - first, 0, n - 1))
+        sample = picked(one, point, (u0, u[1]), share, attached)
+        found = sample if found is None else jax.tree.map(partial(jnp.where, light >= first), sample, found)
+    direction, distance, irradiance = found
+    return LightSample(direction, distance, irradiance, light)
+
+
+def row_of(kind: Any, row: Array) -> Any:
+    """Return one light of a kind."""
+    return jax.tree.map(lambda field: take(field, row), kind)
 
 
 def emitted_radiance(lights: Lights, light: Array, eye: Array) -> Array:
     """Return the radiance (3,) W·sr⁻¹·m⁻² that a point `eye` sees of sphere light number `light`: 0 from inside."""
-    assert lights.radius is not None
-    r, away = take(lights.radius, light), eye - take(lights.position, light)
-    outside = dot(away, away) > r * r
-    return jnp.where(outside, take(lights.intensity, light) * safe_divide(jnp.ones_like(r), jnp.pi * r * r), 0)
+    return row_of(lights.spheres, light).radiance(eye)
+
+
+def casters_of(lights: Lights) -> tuple[Array, Array | None, Array]:
+    """Return places (m, 3), radii (m,), if any is not 0, and powers (m,) of the first lights: those that have a place.
+
+    What the shadows of other lights do has no known edges.
+    """
+    placed = [(kind, n) for kind, n in lights.kinds if hasattr(kind, "position")]
+    if not placed:
+        return jnp.zeros((0, 3)), None, jnp.zeros(0)
+    others = sum(n for kind, n in placed if not _is_sphere(kind))
+    places = _joined([kind.position for kind, _ in placed])
+    radii = None if lights.radius is None else _joined([lights.radius, *([jnp.zeros(others)] if others else [])])
+    return places, radii, powers_of(lights)[: places.shape[0]]
+
+
+def _joined(parts: Sequence[Array]) -> Array:
+    return parts[0] if len(parts) == 1 else jnp.concatenate([part.astype(parts[0].dtype) for part in parts])
+
+
+def intensity_toward(lights: Lights, light: Array, point: Array) -> Array:
+    """Return the intensity (3,) W·sr⁻¹ of a light that has a place and is no sphere, in the direction of a point."""
+    intensity, half = jnp.zeros_like(point), jnp.full((), 0.5, point.dtype)
+    for kind, first, n in lights.numbered():
+        if hasattr(kind, "position") and not _is_sphere(kind):
+            one = row_of(kind, jnp.clip(light - first, 0, n - 1))
+            away = point - one.position
+            irradiance = one.sample(point, (half, half))[2]
+            intensity = jnp.where(light >= first, irradiance * dot(away, away), intensity)
+    return intensity
+
+
+def shines_from_afar(table: LightTable | None) -> TypeGuard[LightTable]:
+    """Return whether a ray that meets nothing can see a light."""
+    return table is not None and any(table.lights.skies())
+
+
+def sky_radiance(table: LightTable, direction: Array, pdf: Array | None = None) -> Array:
+    """Return the radiance (3,) W·sr⁻¹·m⁻² of all lights that a ray sees which meets nothing.
+
+    pdf: () density of the ray's direction, where light samples look for the same light: both ways are weighed by their
+    densities (Veach 1997, §9.2.2).
+    """
+
+    def emitted(kind: Any, first: int, row: Array) -> Array:
+        one = row_of(kind, row)
+        other = 0 if pdf is None else lax.stop_gradient(one.pdf(direction)) * share_of(table, first + row)
+        return one.emitted(direction) * (1 if pdf is None else safe_divide(pdf, pdf + other))
+
+    total = jnp.zeros_like(direction)
+    for kind, first, n in table.lights.skies():
+        total += jnp.sum(lax.map(partial(emitted, kind, first), jnp.arange(n)), 0)
+    return total
+
+
+def share_of(table: LightTable, light: Array) -> Array:
+    """Return the probability () with which light samples look at a light."""
+    if table.pick is None:
+        return jnp.ones(())
+    return take(table.pick, light) - jnp.where(light > 0, take(table.pick, jnp.maximum(light - 1, 0)), 0)

@@ -13,12 +13,13 @@ import numpy as np
 from jax import Array
 from jax.typing import DTypeLike
 
-from jaxrt.cameras import Camera
-from jaxrt.description import CameraDescription, SceneDescription, SceneWarning, parse_description, show
+from jaxrt.description import SceneDescription, SceneWarning, parse_description, show
+from jaxrt.description.kinds import CAMERAS
 from jaxrt.description.mesh_facts import weld
 from jaxrt.kernels.native import default_devices, everywhere
-from jaxrt.lights import Lights
+from jaxrt.lights import lights_of
 from jaxrt.scene.checks import check_memory, warnings_of
+from jaxrt.scene.lights import order_of_lights
 from jaxrt.scene.materials import list_materials
 from jaxrt.scene.record import NoSceneError, Scene
 from jaxrt.shapes import Spheres, Triangles, mesh_edges, topology_of
@@ -42,33 +43,21 @@ def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = 
     origin = description.origin
     listed = list_materials(description, dtype, origin)
     environment = description.environment
+    lights = lights_of(description.lights, dtype, origin)
     scene = Scene(
-        camera=_camera(description.camera, origin, dtype),
+        camera=CAMERAS.kind_of(description.camera).single(description.camera, dtype, origin),
         spheres=_spheres(description, listed.rows, origin, dtype),
         triangles=_triangles(description, listed.rows, origin, dtype),
         materials=listed.materials,
-        lights=_lights(description, origin, dtype),
+        lights=lights,
         environment=None if environment is None else jnp.asarray(environment.radiance, dtype),
         idle=listed.idle,
-        order=listed.order,
+        order=listed.order | order_of_lights(description.lights, lights),
         origin=jnp.asarray(origin, dtype) if origin.any() else None,
         defaults=description.render,
     )
     devices = default_devices()
     return scene if len(devices) == 1 else everywhere(scene, devices)
-
-
-def _camera(camera: CameraDescription, origin: np.ndarray, dtype: DTypeLike) -> Camera:
-    position = np.asarray(camera.position, float)
-    target = position + [0, 0, -1] if camera.target is None else np.asarray(camera.target, float)
-    return Camera(
-        position=jnp.asarray(position - origin, dtype),
-        target=jnp.asarray(target - origin, dtype),
-        up=jnp.asarray(camera.up, dtype),
-        fov=jnp.asarray(camera.fov, dtype),
-        width=camera.width,
-        height=camera.height,
-    )
 
 
 def _spheres(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, dtype: DTypeLike) -> Spheres | None:
@@ -126,12 +115,3 @@ def _smooth(scene: SceneDescription, vertices: np.ndarray, faces: np.ndarray) ->
     # Meshes share no normals, even where they touch
     numbers = np.where(smooth[:, None], weld(vertices)[faces] + len(vertices) * own[:, None], flat[:, None])
     return jnp.asarray(np.unique(numbers, return_inverse=True)[1].reshape(-1, 3), jnp.int32)
-
-
-def _lights(scene: SceneDescription, origin: np.ndarray, dtype: DTypeLike) -> Lights | None:
-    if not scene.lights:
-        return None
-    position = np.asarray([light.position for light in scene.lights], float) - origin
-    intensity = jnp.asarray([light.intensity for light in scene.lights], dtype)
-    radius = np.asarray([light.radius for light in scene.lights], float)
-    return Lights(jnp.asarray(position, dtype), intensity, jnp.asarray(radius, dtype) if radius.any() else None)

@@ -5,18 +5,11 @@ from jaxrt.description.kinds import CAMERAS, LIGHTS, MATERIALS
 from jaxrt.description.values import Measure
 
 _PLACE = Measure("place", "xyz", "[0, 0, 0]")
-_LIGHT = Measure("positive", "rgb", "[1, 1, 1]", tints=True)
 _OTHERS = {
     "spheres.center": _PLACE,
     "spheres.radius": Measure("positive", "", "10"),
     "meshes.vertices": _PLACE,
-    "environment.radiance": _LIGHT,
-    "lights.position": _PLACE,
-    "lights.intensity": _LIGHT,
-    "lights.radius": Measure("positive", "", "1"),
-    "camera.position": _PLACE,
-    "camera.target": _PLACE,
-    "camera.fov": Measure("angle", "", "60"),
+    "environment.radiance": Measure("positive", "rgb", "[1, 1, 1]", tints=True),
 }
 ALONE = ("camera", "environment")  # owners of parameters without rows
 

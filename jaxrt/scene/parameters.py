@@ -11,6 +11,7 @@ from jax.typing import ArrayLike
 
 from jaxrt.description import SceneError, nearest
 from jaxrt.kernels.native import local
+from jaxrt.scene.lights import light_parameters, with_light_parameters
 from jaxrt.scene.materials import material_parameters, with_material_parameters
 from jaxrt.scene.measures import measure
 from jaxrt.scene.record import Scene, check_scene
@@ -28,17 +29,13 @@ def parameters(scene: Scene) -> dict[str, Array]:
     check_scene(scene)
     scene = local(scene)
     p: dict[str, Array] = {}
-    if scene.lights is not None:
-        p |= {"lights.position": scene.lights.position, "lights.intensity": scene.lights.intensity}
-        if scene.lights.radius is not None:
-            p["lights.radius"] = scene.lights.radius
+    p |= light_parameters(scene)
     p |= material_parameters(scene)
     if scene.spheres is not None:
         p |= {"spheres.center": scene.spheres.center, "spheres.radius": scene.spheres.radius}
     if scene.triangles is not None:
         p["meshes.vertices"] = scene.triangles.vertices
-    p |= {"camera.position": scene.camera.position, "camera.target": scene.camera.target}
-    p["camera.fov"] = scene.camera.fov
+    p |= {f"camera.{field}": getattr(scene.camera, field) for field in scene.camera.kind.parameters}
     if scene.environment is not None:
         p["environment.radiance"] = scene.environment
     return {name: value + _shift(scene, name, value) for name, value in p.items()}
@@ -57,8 +54,7 @@ def with_parameters(scene: Scene, changes: Mapping[str, ArrayLike]) -> Scene:
             raise SceneError(f"{name}: the scene has no such parameter{nearest(name, old)}")
         if np.shape(value) != old[name].shape:
             raise SceneError(f"{name}: shape {np.shape(value)}, want {old[name].shape} as in parameters(scene)")
-    dtype = scene.camera.position.dtype
-    new = {name: jnp.asarray(value, dtype) for name, value in changes.items()}
+    new = {name: jnp.asarray(value, scene.dtype) for name, value in changes.items()}
     return _assign(scene, {name: value - _shift(scene, name, value) for name, value in new.items()})
 
 
@@ -76,9 +72,7 @@ def _fields(new: Mapping[str, Array], owner: str) -> dict[str, Any]:
 
 
 def _assign(scene: Scene, new: Mapping[str, Array]) -> Scene:
-    lights, spheres, triangles = scene.lights, scene.spheres, scene.triangles
-    if lights is not None:
-        lights = replace(lights, **_fields(new, "lights"))
+    spheres, triangles = scene.spheres, scene.triangles
     if spheres is not None and (changed := _fields(new, "spheres")):
         # What the rounding of centre and radius lost stays in the power
         lost = spheres.power - exact_power(spheres.center, spheres.radius)
@@ -90,7 +84,7 @@ def _assign(scene: Scene, new: Mapping[str, Array]) -> Scene:
     return replace(
         scene,
         camera=replace(scene.camera, **_fields(new, "camera")),
-        lights=lights,
+        lights=with_light_parameters(scene, _fields(new, "lights")),
         spheres=spheres,
         triangles=triangles,
         materials=materials,

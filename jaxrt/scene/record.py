@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 from os import PathLike
+from typing import Any
 
 from jax import Array
 
-from jaxrt.cameras import Camera
-from jaxrt.core.pytree import pytree, static
+from jaxrt.core.pytree import dtype_of, pytree, static
 from jaxrt.description import RenderDefaults, SceneError, show
 from jaxrt.lights import Lights
 from jaxrt.materials import Materials
@@ -17,16 +17,27 @@ from jaxrt.shapes import Spheres, Triangles
 class Scene:
     """What is there: a pytree of float arrays and integer topology. Kinds of things that are absent are None."""
 
-    camera: Camera
+    camera: Any  # one of a kind of camera, without rows
     spheres: Spheres | None
     triangles: Triangles | None
     materials: Materials
     lights: Lights | None
     environment: Array | None  # (3,) radiance W·sr⁻¹·m⁻² from every direction
     idle: dict[str, Array] | None  # (k, …) by field: parameters of materials that nothing is made of, of no effect
-    order: dict[str, Array] | None  # (m,) int32 by field: row among (materials, idle) of each in the scene file's order
+    order: dict[str, Array] | None  # (m,) int32: row among (materials, idle), or lights, of each in the file's order
     origin: Array | None  # (3,) user's coordinates of this scene's origin; None: the same
     defaults: RenderDefaults = static()  # what `render` uses for spp and max_depth when not told
+
+    @property
+    def eye(self) -> Array | None:
+        """Where the camera is, (3,); None where it has no place."""
+        place = self.camera.kind.anchor
+        return None if place is None else getattr(self.camera, place)
+
+    @property
+    def dtype(self) -> Any:
+        """The dtype of all its numbers."""
+        return dtype_of(self)
 
 
 class NoSceneError(SceneError, TypeError):

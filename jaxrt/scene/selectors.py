@@ -7,7 +7,7 @@ from typing import NamedTuple
 from jax import Array
 
 from jaxrt.description import SceneDescription, SceneError, nearest, show
-from jaxrt.description.kinds import MATERIALS
+from jaxrt.description.kinds import LIGHTS, MATERIALS
 from jaxrt.scene.measures import has_rows
 from jaxrt.scene.parameters import parameters
 from jaxrt.scene.record import Scene
@@ -66,6 +66,15 @@ def material_names(description: SceneDescription, name: str) -> Sequence[str]:
     owner, _, field = name.partition(".")
     materials = description.materials.items() if owner == "materials" else ()
     return [key for key, material in materials if field in MATERIALS.kind_of(material).parameters]
+
+
+def place_in_file(description: SceneDescription, selector: Selector) -> int:
+    """Return which table of its sort in the scene file a row belongs to: kinds without the field have no rows."""
+    owner, _, field = selector.name.partition(".")
+    assert selector.row is not None
+    if owner != "lights":
+        return selector.row
+    return [i for i, light in enumerate(description.lights) if field in LIGHTS.kind_of(light).parameters][selector.row]
 
 
 def _row_of_material(name: str, row: str, scene: Scene, description: SceneDescription | None) -> int:

@@ -10,7 +10,6 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from jaxrt.cameras import camera_ray
 from jaxrt.core.maths import kahan_add
 from jaxrt.core.samplers import SAMPLERS, Stream
 from jaxrt.kernels.native import fold_packets, map_packets, on_devices
@@ -66,7 +65,7 @@ def sample_packet(plan: Plan, tables: Tables, run: Run, sample: Array, packet: A
 
 def _sample(plan: Plan, tables: Tables, run: Run, sample: Array, attached: bool, x: Array, y: Array) -> Array:
     """Return the radiance (3,) of one sample of pixel (x, y), column and row."""
-    dtype = tables.camera.position.dtype
+    dtype = tables.dtype
     pixel = y.astype(jnp.uint32) * jnp.uint32(tables.camera.width) + x.astype(jnp.uint32)
     stream = Stream(pixel, sample.astype(jnp.uint32), run.seed, run.spp.astype(jnp.uint32))
 
@@ -75,7 +74,7 @@ def _sample(plan: Plan, tables: Tables, run: Run, sample: Array, attached: bool,
         return a.astype(dtype), b.astype(dtype), c.astype(dtype), d.astype(dtype)
 
     jitter = numbers(0)
-    ray = camera_ray(tables.camera, x.astype(dtype) + jitter[0], y.astype(dtype) + jitter[1])
+    ray = tables.camera.ray((x.astype(dtype) + jitter[0], y.astype(dtype) + jitter[1]), jitter[2:])
     return radiance(tables, ray, numbers, plan.max_depth, plan.unroll, attached)
 
 

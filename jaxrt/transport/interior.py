@@ -16,7 +16,7 @@ from jax.custom_batching import sequential_vmap as in_turn
 from jax.custom_derivatives import SymbolicZero
 
 from jaxrt.core.maths import Parts, add_exactly, kahan_add, rounded
-from jaxrt.description.kinds import MATERIALS
+from jaxrt.description.kinds import LIGHTS, MATERIALS
 from jaxrt.kernels.linear import Leaves, Shapes, apply_linear
 from jaxrt.kernels.native import one_mesh, program_on
 from jaxrt.transport.film import (
@@ -38,8 +38,6 @@ from jaxrt.transport.path import Tables
 TOGETHER = (32, 1)
 LARGE = 100_000  # moved numbers from which on wide packets are the faster ones backwards: a mesh of 11,000 faces
 WIDE_TILE = (32, 32)  # pixels, as many as a native kernel takes
-# Besides materials, parameters that light paths and light samples do not depend on
-_STILL = {"intensity", "environment"}
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(3,))
@@ -93,7 +91,8 @@ def _turns_light(path: list[str]) -> bool:
     if path[0] == "materials":
         kind = MATERIALS.kinds[path[1]]
         return kind.cls.is_delta and not kind.measures[path[2]].tints
-    return path[-1] not in _STILL
+    known = LIGHTS.parameters.get(".".join([path[0], path[-1]]))
+    return path[0] != "environment" and (known is None or not known.tints)
 
 
 class _Derivative(NamedTuple):
@@ -168,7 +167,7 @@ def _backwards(plan: Plan, shapes: Shapes) -> Plan:
 def _packet_sum(plan: Plan, operands: tuple[Tables, Run], packet: Array) -> Array:
     """Return the sums of the packet's samples in parts (lanes, 3, 3): within blocks rounded, of blocks exact."""
     tables, run = operands
-    nothing = jnp.zeros((plan.lanes, 3), tables.camera.position.dtype)
+    nothing = jnp.zeros((plan.lanes, 3), tables.dtype)
 
     def add_sample(sample: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
         return kahan_add(*sums, sample_packet(plan, tables, run, sample, packet))

@@ -14,12 +14,20 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.ad_checkpoint import checkpoint_name
 
-from jaxrt.cameras import CameraFrame, camera_frame
+from jaxrt.cameras import View, view_of
 from jaxrt.core.maths import dot, face_forward, safe_divide
-from jaxrt.core.pytree import pytree, static
+from jaxrt.core.pytree import dtype_of, pytree, static
 from jaxrt.core.records import Hit, LightSample, Ray, SurfacePoint
 from jaxrt.kernels.native import once
-from jaxrt.lights import LightTable, emitted_radiance, light_table, sample_light, sample_light_attached
+from jaxrt.lights import (
+    LightTable,
+    emitted_radiance,
+    light_table,
+    sample_light,
+    sample_light_attached,
+    shines_from_afar,
+    sky_radiance,
+)
 from jaxrt.lights.density import light_density
 from jaxrt.materials import Materials, Scattering, evaluate, scatter
 from jaxrt.scene import Scene
@@ -33,13 +41,18 @@ Numbers = Callable[[int | Array], tuple[Array, Array, Array, Array]]  # decision
 class Tables:
     """The scene as the kernel reads it: derived once per render, differentiable in the scene."""
 
-    camera: CameraFrame
+    camera: View
     geometry: Geometry  # spheres, then sphere lights, then triangles
     occluders: Geometry  # what blocks shadow rays: a scene's only light cannot block its own
     materials: Materials
     lights: LightTable | None
     environment: Array | None  # (3,)
     first_light: int = static()  # sphere row of the first sphere light
+
+    @property
+    def dtype(self) -> Any:
+        """The dtype of all numbers along the path."""
+        return dtype_of(self)
 
 
 @pytree
@@ -58,10 +71,10 @@ class Walk:
 def tables_of(scene: Scene) -> Tables:
     """Return the tables of a scene."""
     lights = scene.lights
-    alone = lights is not None and lights.position.shape[0] == 1
+    alone = lights is not None and lights.count == 1
     geometry = geometry_of(_with_light_spheres(scene), scene.triangles)
     return Tables(
-        camera=camera_frame(scene.camera),
+        camera=view_of(scene.camera),
         geometry=geometry,
         occluders=lax.stop_gradient(geometry_of(scene.spheres, scene.triangles) if alone else geometry),
         materials=scene.materials,
@@ -102,7 +115,8 @@ def radiance(tables: Tables, ray: Ray, numbers: Numbers, max_depth: int, unroll:
     pdf = jnp.zeros_like(ones[0]) if tables.materials.are_glossy else None
     walk = Walk(ray, ones, jnp.zeros_like(ones), jnp.ones((), bool), pdf)
     if tables.geometry.spheres is None and tables.geometry.triangles is None:
-        return ones * 0 if tables.environment is None else tables.environment
+        sky = ones * 0 if tables.environment is None else tables.environment
+        return sky + sky_radiance(tables.lights, ray.direction) if shines_from_afar(tables.lights) else sky
     if unroll:
         for k in range(1, max_depth + 1):
             walk = _event(tables, walk, numbers(k), attached)
@@ -183,20 +197,28 @@ def _direct(
 def _glossy(attached: bool, tables: Tables, point: SurfacePoint, wo: Array, sample: LightSample) -> Array:
     """Return f cosθ (3,) of a light sample at a glossy surface, times its share in finding the light.
 
-    Scattered rays find sphere lights too: both ways are weighed by their densities.
+    Scattered rays find sphere lights and skies too. Both ways are weighed by their densities (Veach 1997, §9.2.2).
     """
     value, pdf = evaluate(tables.materials, point, wo, sample.direction)
-    if attached or tables.lights is None or tables.lights.lights.radius is None:
+    assert tables.lights is not None
+    if attached or (tables.lights.lights.radius is None and not shines_from_afar(tables.lights)):
         return value
-    density = light_density(tables.lights, sample.light, point.position)
+    density = light_density(tables.lights, sample.light, point.position, sample.direction)
     return value * jnp.where(density > 0, safe_divide(density, density + pdf), 1)
 
 
 def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
-    """Return the walk with the light added that its ray runs into: the environment, or a sphere light's outside."""
+    """Return the walk with the light added that its ray runs into: a sky, or a sphere light's outside."""
     seen = jnp.zeros_like(walk.radiance)
     if tables.environment is not None:
         seen = jnp.where(hit.valid, seen, tables.environment)
+    if shines_from_afar(tables.lights):
+        # After a diffuse event, light samples have counted it
+        sky = once(sky_radiance)(tables.lights, walk.ray.direction)
+        seen = seen + jnp.where(~hit.valid & walk.specular, sky, 0)
+        if walk.pdf is not None:
+            sky = once(sky_radiance)(tables.lights, walk.ray.direction, walk.pdf)
+            seen = seen + jnp.where(~hit.valid & (walk.pdf > 0), sky, 0)
     if tables.lights is not None and tables.lights.lights.radius is not None:
         lights, light = tables.lights.lights, hit.index - tables.first_light
         n = lights.position.shape[0]
@@ -204,14 +226,15 @@ def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
         shining = once(emitted_radiance)(lights, jnp.clip(light, 0, n - 1), walk.ray.origin)
         seen = jnp.where(hit_light & walk.specular, shining, seen)
         if walk.pdf is not None:
-            density = once(light_density)(tables.lights, light, walk.ray.origin)
+            density = once(light_density)(tables.lights, light, walk.ray.origin, walk.ray.direction)
             seen = jnp.where(hit_light & (walk.pdf > 0), shining * safe_divide(walk.pdf, walk.pdf + density), seen)
     return replace(walk, radiance=walk.radiance + walk.throughput * seen)
 
 
 def last_look(tables: Tables, walk: Walk) -> Array:
     """Return the walk's radiance with what its last ray sees, where it can see anything at all."""
-    can_shine = tables.lights is not None and tables.lights.lights.radius is not None
+    spheres = tables.lights is not None and tables.lights.lights.radius is not None
+    can_shine = spheres or shines_from_afar(tables.lights)
     sees = tables.materials.are_delta or tables.materials.are_glossy
     if tables.environment is None and not (can_shine and sees):
         return walk.radiance

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import jaxrt
-from jaxrt.cameras import camera_frame, camera_ray
+from jaxrt.cameras import view_of
 from jaxrt.core.maths import FAR, dot, normalize
 from jaxrt.core.records import Ray
 from jaxrt.kernels.native import map_packets
@@ -60,11 +60,11 @@ def test_x1_triangles_times_rays(figures):
 
 @pytest.mark.parametrize("native", [True, False])
 def test_x1_camera_rays_at_40000(room, native):
-    frame = camera_frame(room.camera)
+    frame = view_of(room.camera)
     x, y = (np.random.default_rng(k).uniform(0, 512, 40_000).astype(np.float32) for k in (0, 1))
 
     def one(x, y):
-        return camera_ray(frame, x, y)
+        return frame.ray((x, y), (x, y))
 
     ray = (lanes(one) if native else jax.jit(jax.vmap(one)))(x, y)
     right, up, forward = (np.asarray(v, float) for v in (frame.right, frame.up, frame.forward))

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -10,7 +11,7 @@ from rich.table import Table
 
 from jaxrt.core.messages import one_line
 from jaxrt.description import SceneDescription, Solid
-from jaxrt.description.kinds import MATERIALS
+from jaxrt.description.kinds import CAMERAS, LIGHTS, MATERIALS, Family
 from jaxrt.scene import Scene
 from jaxrt.scene.parameters import parameters
 from jaxrt.shapes import Triangles
@@ -45,6 +46,8 @@ def print_summary(
     if scene.triangles is not None:
         console.print(_table("ray search among triangles", ("", ""), _search(scene.triangles)))
     console.print(_table("lights", ("", "position", "intensity W/sr", "radius"), _lights(description)))
+    if any(light.type != LIGHTS.default for light in description.lights):
+        console.print(_table("other lights", ("", "type", "value"), _other_lights(description)))
     shapes = [(name, str(value.shape)) for name, value in parameters(scene).items()]
     console.print(_table("parameters", ("name", "shape"), shapes))
     for message in messages:
@@ -54,14 +57,18 @@ def print_summary(
 def features(description: SceneDescription) -> tuple[list[str], list[str]]:
     """Return the features that are compiled for this scene, and those that it lacks and that are left out."""
     types = {MATERIALS.kind_of(description.materials[name]).name for name in description.used}
-    radii = [light.radius for light in description.lights]
+    lights = sorted({light.type for light in description.lights} - {LIGHTS.default})
+    radii = [light.radius for light in description.lights if light.type == LIGHTS.default]
+    camera = {description.camera.type} - {CAMERAS.default}
     there = {
         "spheres": bool(description.spheres),
         "triangles": bool(description.triangles or description.meshes),
         **{name: name in types for name in MATERIALS.kinds},
         "point lights": 0 in radii,
         "sphere lights": any(radii),
+        **{f"{name} lights": True for name in lights},
         "environment": description.environment is not None,
+        **{f"{name} camera": True for name in camera},
     }
     return [name for name, is_there in there.items() if is_there], [n for n, is_there in there.items() if not is_there]
 
@@ -100,8 +107,16 @@ def _counts(scene: SceneDescription) -> str:
 
 def _camera(scene: SceneDescription) -> str:
     camera = scene.camera
+    if camera.type != CAMERAS.default:
+        return f"{camera.type}: {_values(camera, CAMERAS)}, {camera.width}x{camera.height}"
     view = f"{_numbers(camera.position)} to {_numbers(camera.target)}, up {_numbers(camera.up)}"
     return f"{view}, fov {camera.fov:g}°, {camera.width}x{camera.height}"
+
+
+def _values(table: Any, family: Family) -> str:
+    """Return the fields of a kind's table in words."""
+    values = {field: np.asarray(getattr(table, field), float) for field in family.kind_of(table).measures}
+    return ", ".join(f"{field} {_numbers(value) if value.ndim else f'{value:g}'}" for field, value in values.items())
 
 
 def _materials(scene: SceneDescription) -> Iterable[tuple[str, str, str, str]]:
@@ -109,10 +124,7 @@ def _materials(scene: SceneDescription) -> Iterable[tuple[str, str, str, str]]:
     used = Counter(solid.material for solid in solids)
     used.update(name for mesh in scene.meshes for name in mesh.names)
     for name, material in scene.materials.items():
-        kind = MATERIALS.kind_of(material)
-        values = {field: np.asarray(getattr(material, field), float) for field in kind.measures}
-        told = (f"{field} {_numbers(value) if value.ndim else f'{value:g}'}" for field, value in values.items())
-        yield name, kind.name, ", ".join(told), str(used[name])
+        yield name, MATERIALS.kind_of(material).name, _values(material, MATERIALS), str(used[name])
 
 
 def _meshes(scene: SceneDescription) -> Iterable[tuple[str, ...]]:
@@ -142,5 +154,13 @@ def _search(triangles: Triangles) -> Iterable[tuple[str, str]]:
 
 def _lights(scene: SceneDescription) -> Iterable[tuple[str, str, str, str]]:
     for i, light in enumerate(scene.lights):
+        if light.type != LIGHTS.default:
+            continue
         radius = f"{light.radius:g}" if light.radius else "point"
         yield str(i), _numbers(light.position), _numbers(light.intensity), radius
+
+
+def _other_lights(scene: SceneDescription) -> Iterable[tuple[str, str, str]]:
+    for i, light in enumerate(scene.lights):
+        if light.type != LIGHTS.default:
+            yield str(i), light.type, _values(light, LIGHTS)

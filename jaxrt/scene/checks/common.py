@@ -71,9 +71,9 @@ def centers_and_radii(spheres: Sequence[SphereDescription]) -> tuple[Floats, Flo
     return np.array([s.center for s in spheres], float).reshape(-1, 3), np.array([s.radius for s in spheres], float)
 
 
-def inside(point: tuple[float, float, float], centers: Floats, radii: Floats) -> NDArray[np.bool_]:
+def inside(point: Floats, centers: Floats, radii: Floats) -> NDArray[np.bool_]:
     """Return for each sphere (n,) whether it holds `point`."""
-    return np.linalg.norm(centers - np.array(point), axis=-1) < radii
+    return np.linalg.norm(centers - point, axis=-1) < radii
 
 
 def more(count: int, what: str) -> str:

@@ -41,7 +41,7 @@ def unsound_glass(bodies: Sequence[Body]) -> Iterator[str]:
 
 def point_light_and_glass(scene: SceneDescription, bodies: Sequence[Body]) -> Iterator[str]:
     """Find point lights in a scene with glass: neither a light sample nor a scattered ray joins the two."""
-    points = [i for i, light in enumerate(scene.lights) if not light.radius]
+    points = [i for i, light in enumerate(scene.lights) if getattr(light, "radius", None) == 0]
     solids: list[Solid] = [*scene.spheres, *scene.triangles]
     glass = any(_is_clear(scene.materials[s.material]) for s in solids)
     if points and (glass or any(body.has(_is_clear) for body in bodies)):

@@ -1,12 +1,14 @@
 """Lights that are not there, that cannot be seen, or that make noise."""
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jaxrt.description import SceneDescription
 from jaxrt.description.box_tree import Floats
+from jaxrt.description.kinds import LIGHTS
 from jaxrt.description.mesh_facts import nearest_distances, triangle_distances, winding_numbers
 from jaxrt.scene.checks.common import Body, centers_and_radii, inside, is_lit, more, spheres_of, transmits
 
@@ -19,8 +21,14 @@ def dark(scene: SceneDescription) -> Iterator[str]:
     sky = scene.environment
     if not scene.lights and sky is None:
         yield "no light and no environment: the picture is black, add [[lights]] or [environment]"
-    elif not any(any(light.intensity) for light in scene.lights) and not (sky and any(sky.radiance)):
+    elif not any(map(_has_power, scene.lights)) and not (sky and any(sky.radiance)):
         yield "no light or environment has any power: the picture is black, raise an intensity or radiance"
+
+
+def _has_power(light: Any) -> bool:
+    """Return whether a light shines: one that is tinted, unless all of its tints are black."""
+    tints = [getattr(light, field) for field, measure in LIGHTS.kind_of(light).measures.items() if measure.tints]
+    return not tints or bool(np.any(tints))
 
 
 def walled_in(scene: SceneDescription) -> Iterator[str]:
@@ -28,13 +36,15 @@ def walled_in(scene: SceneDescription) -> Iterator[str]:
     opaque = spheres_of(scene, opaque=True)
     walls = [scene.spheres[i] for i in opaque]
     centers, radii = centers_and_radii(walls)
-    camera_inside = inside(scene.camera.position, centers, radii)
-    for i, light in enumerate(scene.lights):
-        distances = np.linalg.norm(centers - np.array(light.position), axis=-1)
-        parted = np.where(camera_inside, distances >= radii + light.radius, distances + light.radius <= radii)
-        swallowed = ~camera_inside & ~parted & (distances < radii) & (radii < SUNK * light.radius)
-        if light.radius:
-            swallowed &= distances + radii > light.radius
+    if (eye := scene.eye) is None:
+        return
+    camera_inside = inside(eye, centers, radii)
+    for i, position, radius in scene.lamps:
+        distances = np.linalg.norm(centers - position, axis=-1)
+        parted = np.where(camera_inside, distances >= radii + radius, distances + radius <= radii)
+        swallowed = ~camera_inside & ~parted & (distances < radii) & (radii < SUNK * radius)
+        if radius:
+            swallowed &= distances + radii > radius
         if parted.any():
             wall = int(np.argmax(parted))
             light_is, camera_is = ("outside", "inside") if camera_inside[wall] else ("inside", "outside")
@@ -48,11 +58,11 @@ def walled_in(scene: SceneDescription) -> Iterator[str]:
                 f"lights[{i}] has its centre inside of spheres[{opaque[wall]}] ({walls[wall].material}): only what "
                 "sticks out shines, move one of them"
             )
-        buried = distances + radii <= light.radius
+        buried = distances + radii <= radius
         if buried.any():
             ball = int(np.argmax(buried))
             yield f"spheres[{opaque[ball]}] is inside of lights[{i}]: it cannot be seen, move one of them"
-        if light.radius and np.linalg.norm(np.subtract(scene.camera.position, light.position)) < light.radius:
+        if radius and np.linalg.norm(eye - position) < radius:
             yield f"the camera is inside of lights[{i}]: the picture is black, move one of them"
     if not scene.lights and scene.environment and camera_inside.any():
         wall = opaque[int(np.argmax(camera_inside))]
@@ -61,12 +71,15 @@ def walled_in(scene: SceneDescription) -> Iterator[str]:
 
 def walled_in_meshes(scene: SceneDescription, bodies: Sequence[Body]) -> Iterator[str]:
     """Find lights that closed opaque meshes part from the camera."""
-    places = np.array([scene.camera.position, *(light.position for light in scene.lights)], float)
+    if (eye := scene.eye) is None:
+        return
+    lamps = scene.lamps
+    places = np.array([eye, *(lamp.position for lamp in lamps)])
     for body in bodies:
         if body.has(transmits):
             continue
         camera_inside, *lights_inside = _inside_body(places, body)
-        parted = [i for i, within in enumerate(lights_inside) if within != camera_inside]
+        parted = [lamp.number for lamp, within in zip(lamps, lights_inside, strict=True) if within != camera_inside]
         if parted:
             light_is, camera_is = ("outside", "inside") if camera_inside else ("inside", "outside")
             yield (
@@ -92,10 +105,10 @@ def near_point_lights(scene: SceneDescription, bodies: Sequence[Body]) -> Iterat
     Near is meant for what is around: the camera, and the nearest places of most other things. How far a floor reaches
     does not matter.
     """
-    numbers = [i for i, light in enumerate(scene.lights) if not light.radius]
-    if not numbers:
+    numbers = [lamp.number for lamp in scene.lamps if not lamp.radius]
+    if not numbers or scene.eye is None:
         return
-    points = np.array([scene.lights[i].position for i in numbers])
+    points = np.array([lamp.position for lamp in scene.lamps if not lamp.radius])
     spheres = [s for s in scene.spheres if is_lit(scene.materials[s.material])]
     corners = [t.vertices for t in scene.triangles if is_lit(scene.materials[t.material])]
     singles = np.array(corners, float).reshape(-1, 3, 3)
@@ -105,7 +118,7 @@ def near_point_lights(scene: SceneDescription, bodies: Sequence[Body]) -> Iterat
     others = np.sort(np.concatenate([around, boxes], axis=1), axis=1)
     if not others.shape[1]:
         return
-    usual = np.maximum(np.linalg.norm(points - scene.camera.position, axis=-1), others[:, (others.shape[1] - 1) // 2])
+    usual = np.maximum(np.linalg.norm(points - scene.eye, axis=-1), others[:, (others.shape[1] - 1) // 2])
     limits = TOO_NEAR * usual
     nearest = [nearest_distances(points, body.corners, limits) for body in meshes]
     distances = np.concatenate([around, np.array(nearest).reshape(len(meshes), len(points)).T], axis=1).min(axis=1)

@@ -7,25 +7,18 @@ import numpy as np
 from jaxrt.description import SceneDescription, show
 from jaxrt.scene.checks.common import Body
 
-RADIANS = 0.1, np.pi  # what a fov would be in radians; below it is a probe that somebody means
-SPECK = 0.1  # of what is looked at: a view that is narrower than that hardly is meant
-STRETCHED = 150  # degrees, from where on an eighth of the picture's height is a third of the view
-
 
 def narrow_view(scene: SceneDescription, bodies: Sequence[Body]) -> Iterator[str]:
-    """Find a camera that looks at a speck of the scene, as one given in radians does, or one that is too wide."""
-    fov = scene.camera.fov
-    if fov > STRETCHED:
-        yield f"camera: fov {fov:g} degrees stretches the picture's edges beyond recognition: use 20 to 100"
-    sizes = list(_angular_sizes(scene, bodies))
-    if RADIANS[0] <= fov < RADIANS[1] and sizes and np.radians(fov) < SPECK * float(np.median(sizes)):
-        degrees = np.degrees(fov)
-        yield f"camera: fov {fov:g} degrees shows a speck of the scene: use {degrees:.3g} if it is meant in radians"
+    """Ask the camera whether it hardly shows what it should."""
+    if hasattr(scene.camera, "doubts"):
+        yield from scene.camera.doubts(list(_angular_sizes(scene, bodies)))
 
 
 def _angular_sizes(scene: SceneDescription, bodies: Sequence[Body]) -> Iterator[float]:
     """Yield the angle under which the camera sees each sphere and mesh that it is outside of."""
-    eye = np.array(scene.camera.position)
+    eye = scene.eye
+    if eye is None:
+        return
     for sphere in scene.spheres:
         distance = np.linalg.norm(eye - sphere.center)
         if distance > sphere.radius:

@@ -1,0 +1,123 @@
+"""Pinhole camera."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from jaxrt.cameras.interface import Pair, View
+from jaxrt.core.maths import cross, dot, normalize, safe_divide, safe_sqrt
+from jaxrt.core.pytree import pytree, static
+from jaxrt.core.records import Ray
+from jaxrt.description import values
+from jaxrt.description.fields import Angle, Place, Up
+from jaxrt.description.kinds import camera
+from jaxrt.description.values import SHORTEST, Count, complaint, show
+
+RADIANS = 0.1, np.pi  # what a fov would be in radians; below it is a probe that somebody means
+SPECK = 0.1  # of what is looked at: a view that is narrower than that hardly is meant
+STRETCHED = 150  # degrees, from where on an eighth of the picture's height is a third of the view
+PARALLEL = 1e-6  # sine of the angle between up and view below which the camera's frame is noise in float32
+
+
+@camera
+class Pinhole:
+    """A pinhole camera; `fov` is vertical, in degrees."""
+
+    position: Place  # (3,) scene units
+    target: Place = Field(default=None, validate_default=True)  # (3,) the point at the picture's centre
+    up: Up = (0.0, 1.0, 0.0)  # (3,) any length, not parallel to the view
+    fov: Angle = 60.0  # () vertical, degrees
+    width: Count = 512
+    height: Count = 512
+    is_central = True
+
+    class Table(values.Table):
+        """Its table, further checked."""
+
+        @field_validator("target", mode="before", check_fields=False)
+        @classmethod
+        def _look_along_minus_z(cls, value: Any, info: ValidationInfo) -> Any:
+            x, y, z = info.data.get("position", (0.0, 0.0, 0.0))
+            return (x, y, z - 1) if value is None else value
+
+        @model_validator(mode="after")
+        def _check_frame(self) -> Any:
+            position, target, up = self.position, self.target, self.up  # type: ignore[attr-defined]
+            view = np.subtract(target, position)
+            length, up_length = np.linalg.norm(view), np.linalg.norm(up)
+            if length < SHORTEST:
+                raise complaint("is the camera's position: nothing to look along, move one of them", "target")
+            if up_length < SHORTEST:
+                raise complaint(f"{show(up)} is zero: use a direction such as [0, 1, 0]", "up")
+            if np.linalg.norm(np.cross(view, up)) <= PARALLEL * length * up_length:
+                raise complaint(f"{show(up)} is parallel to the view: choose another direction", "up")
+            return self
+
+        def doubts(self, sizes: Sequence[float]) -> Iterator[str]:
+            """Tell of a view that is hardly meant. sizes: the angles under which it sees things."""
+            fov = self.fov  # type: ignore[attr-defined]
+            if fov > STRETCHED:
+                yield f"camera: fov {fov:g} degrees stretches the picture's edges beyond recognition: use 20 to 100"
+            if RADIANS[0] <= fov < RADIANS[1] and sizes and np.radians(fov) < SPECK * float(np.median(sizes)):
+                meant = f"use {np.degrees(fov):.3g} if it is meant in radians"
+                yield f"camera: fov {fov:g} degrees shows a speck of the scene: {meant}"
+
+    def frame(self) -> "PinholeFrame":
+        """Return the axes of the picture; row 0 is the top, fov is the vertical angle in degrees."""
+        forward = normalize(self.target - self.position)
+        right = normalize(cross(forward, normalize(self.up)))
+        up = cross(right, forward)
+        pixel = 2 * jnp.tan(jnp.radians(self.fov) / 2) / self.height
+        return PinholeFrame(self.position, pixel * right, pixel * up, forward, self.width, self.height)
+
+    def ray(self, image: Pair, u: Pair) -> Ray:
+        """Return the ray through an image point."""
+        return self.frame().ray(image, u)
+
+    def project(self, point: Array) -> tuple[Pair, Array]:
+        """Return the image point, and whether the point is in front of the camera."""
+        return self.frame().project(point)
+
+
+@pytree
+class PinholeFrame(View):
+    """The camera as the path reads it: its ray through image point (x, y) is right·x + up·y + forward."""
+
+    position: Array  # (3,)
+    right: Array  # (3,) one pixel to the right, at distance 1
+    up: Array  # (3,) one pixel up
+    forward: Array  # (3,) unit vector
+    width: int = static()
+    height: int = static()
+
+    def toward(self, image: Pair) -> Array:
+        """Return the direction (3,) to what an image point shows, 1 along the camera's axis."""
+        across, down = image[0] - self.width / 2, image[1] - self.height / 2
+        return across * self.right - down * self.up + self.forward
+
+    def ray(self, image: Pair, u: Pair) -> Ray:
+        """Return the ray through an image point."""
+        return Ray(self.position, normalize(self.toward(image)))
+
+    def project(self, point: Array) -> tuple[Pair, Array]:
+        """Return the image point, and whether the point is in front of the camera."""
+        away, depth = point - self.position, self.depth(point)
+        ahead = depth > 0
+        area = dot(self.right, self.right)  # of a pixel at distance 1
+        across = safe_divide(dot(away, self.right), area * jnp.where(ahead, depth, 1))
+        rise = safe_divide(dot(away, self.up), area * jnp.where(ahead, depth, 1))
+        return (across + self.width / 2, self.height / 2 - rise), ahead
+
+    def depth(self, point: Array) -> Array:
+        """Return how far along the camera's axis a point is."""
+        return dot(point - self.position, self.forward)
+
+    def density(self, point: Array) -> Array:
+        """Return the pixels per steradian: one pixel spans area · cos³θ."""
+        away, depth = point - self.position, self.depth(point)
+        slant = safe_divide(safe_sqrt(dot(away, away)), jnp.where(depth > 0, depth, 1))
+        return safe_divide(slant * slant * slant, dot(self.right, self.right))

@@ -1,0 +1,392 @@
+"""Kinds that jaxrt does not have, defined here alone: scene files, pictures, derivatives and commands know them."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import tomlkit
+from command import run, working_folder
+
+import jaxrt
+from jaxrt.cameras import View, projection, view_of
+from jaxrt.cli.commands.summary import print_summary
+from jaxrt.description import parse_description
+from jaxrt.description.kinds import CAMERAS
+from jaxrt.fit.unknowns import unknowns_of
+from jaxrt.gradcheck.coverage import AFAR, SCATTERED, SKY, coverage
+from jaxrt.gradcheck.steps import default_step
+from jaxrt.kinds import (
+    Angle,
+    Direction,
+    Place,
+    Positive,
+    Ray,
+    Rgb,
+    dot,
+    normalize,
+    pdf_uniform_sphere,
+    sample_uniform_sphere,
+)
+from jaxrt.scene.selectors import parse_selector, place_in_file
+
+
+@jaxrt.light
+class Torch:
+    """A lamp that shines to one side: its intensity times the squared cosine to its axis."""
+
+    position: Place
+    axis: Direction
+    intensity: Rgb
+    is_delta = True
+
+    def sample(self, point, u):
+        away = point - self.position
+        squared = dot(away, away)
+        direction = away / jnp.sqrt(squared)
+        cosine = jnp.maximum(dot(direction, normalize(self.axis)), 0)
+        return -direction, jnp.sqrt(squared), self.intensity * cosine**2 / squared
+
+    def power(self):
+        return jnp.sum(self.intensity)
+
+
+@jaxrt.light
+class Sun:
+    """Parallel light."""
+
+    toward: Direction
+    irradiance: Rgb
+    is_delta = True
+
+    def sample(self, point, u):
+        return normalize(self.toward), jnp.inf, self.irradiance
+
+
+@jaxrt.light
+class Dome:
+    """A sky from one colour below to another above."""
+
+    ground: Rgb
+    zenith: Rgb
+
+    def sample(self, point, u):
+        return sample_uniform_sphere(u)
+
+    def pdf(self, direction):
+        return pdf_uniform_sphere()
+
+    def emitted(self, direction):
+        return self.ground + (self.zenith - self.ground) * (1 + direction[1]) / 2
+
+
+@jaxrt.camera
+class Drawing:
+    """Parallel rays down, `scale` scene units a pixel."""
+
+    position: Place
+    scale: Positive = 1.0
+
+    def ray(self, image, u):
+        across, down = (image[0] - self.width / 2) * self.scale, (image[1] - self.height / 2) * self.scale
+        below = jnp.zeros_like(self.position).at[1].set(-1)
+        return Ray(self.position + jnp.stack([across, jnp.zeros_like(across), down]), below)
+
+
+@jaxrt.camera
+class Fisheye:
+    """Looks down; the angle to its axis grows with the distance to the picture's centre: `fov` from edge to edge."""
+
+    position: Place
+    fov: Angle = 120.0
+    is_central = True
+
+    def ray(self, image, u):
+        x, y = image[0] - self.width / 2, image[1] - self.height / 2
+        radius = jnp.sqrt(x * x + y * y + 1e-12)
+        angle = radius / self.height * jnp.radians(self.fov)
+        return Ray(
+            self.position, jnp.stack([jnp.sin(angle) * x / radius, -jnp.cos(angle), jnp.sin(angle) * y / radius])
+        )
+
+    def project(self, point):
+        x, y, z = point - self.position
+        side = jnp.sqrt(x * x + z * z + 1e-12)
+        radius = jnp.arctan2(side, -y) * self.height / jnp.radians(self.fov)
+        return (self.width / 2 + radius * x / side, self.height / 2 + radius * z / side), y < 0
+
+
+@jaxrt.camera
+class Lens:
+    """A thin lens that looks along -z and is sharp at a distance."""
+
+    position: Place
+    aperture: Positive = 1.0
+    focus: Positive = 10.0
+    scale: Positive = 0.1  # of a pixel at distance 1
+
+    def ray(self, image, u):
+        x, y = (image[0] - self.width / 2) * self.scale, (self.height / 2 - image[1]) * self.scale
+        radius, turn = self.aperture * jnp.sqrt(u[0]), 2 * jnp.pi * u[1]
+        start = jnp.stack([radius * jnp.cos(turn), radius * jnp.sin(turn), jnp.zeros_like(x)])
+        sharp = self.focus * jnp.stack([x, y, -jnp.ones_like(x)])
+        return Ray(self.position + start, normalize(sharp - start))
+
+
+WHITE = {"white": {"type": "diffuse", "albedo": [0.5, 0.6, 0.7]}}
+ALBEDO = np.array([0.5, 0.6, 0.7])
+
+
+def floor(low: float, high: float, height: float = 0.0) -> list[dict[str, Any]]:
+    a, b, c, d = ([x, height, z] for x, z in ((low, -9), (high, -9), (high, 9), (low, 9)))
+    return [{"vertices": [a, c, b], "material": "white"}, {"vertices": [a, d, c], "material": "white"}]
+
+
+OUTDOORS = {
+    "camera": {"type": "drawing", "position": [0, 5, 0], "width": 8, "height": 8},
+    "materials": WHITE,
+    "triangles": floor(-9, 0),
+    "lights": [
+        {"type": "dome", "ground": 0.2, "zenith": [0.4, 0.7, 1.0]},
+        {"type": "sun", "toward": [3, 4, 0], "irradiance": 2},
+    ],
+}
+
+
+def on_floor(ground, zenith, toward, irradiance):
+    """Return the radiance (3,) of a floor under a dome and a sun, in closed form."""
+    sky = jnp.pi * (ground + (zenith - ground) * 5 / 6)
+    return ALBEDO / jnp.pi * (sky + irradiance * toward[1] / jnp.linalg.norm(toward))
+
+
+def test_a_sky_and_a_sun_before_a_camera_of_parallel_rays():
+    """Light samples find both on the floor, rays that miss see the sky; derivatives are those of the closed form."""
+    scene = jaxrt.build(OUTDOORS)
+    p = jaxrt.parameters(scene)
+    names = ["lights.ground", "lights.zenith", "lights.toward", "lights.irradiance"]
+    assert {*names, "camera.position", "camera.scale"} <= p.keys()
+    assert p["lights.zenith"].shape == (1, 3) and p["camera.scale"].shape == ()
+
+    def left(values):
+        picture = jaxrt.render(
+            jaxrt.with_parameters(scene, dict(zip(names, values, strict=True))), 0, spp=256, max_depth=1
+        )
+        return jnp.mean(picture[:, :4], (0, 1)), picture
+
+    values = [p[name] for name in names]
+    (mean, picture), slopes = jax.jvp(left, (values,), (values,))
+    np.testing.assert_allclose(picture[:, 4:], np.broadcast_to(0.2, (8, 4, 3)), rtol=1e-6)
+    wanted, change = jax.jvp(lambda *v: on_floor(*(x[0] for x in v)), tuple(values), tuple(values))
+    np.testing.assert_allclose(mean, wanted, rtol=0.01)
+    np.testing.assert_allclose(slopes[0], change, rtol=0.01)
+
+
+def lamp_over(**camera: Any) -> dict[str, Any]:
+    """Return a torch and a ball over a floor, before a fisheye."""
+    return {
+        "camera": {"type": "fisheye", "position": [0.3, 6, 0.2], "fov": 100, "width": 16, "height": 16, **camera},
+        "materials": WHITE,
+        "spheres": [
+            {"center": [0, 1.5, 0], "radius": 0.7, "material": "white"},
+            {"center": [0, -1e5, 0], "radius": 1e5, "material": "white"},
+        ],
+        "lights": [{"type": "torch", "position": [2, 5, 1], "axis": [-1, -5, 0], "intensity": [20, 30, 40]}],
+    }
+
+
+def test_a_torch_before_a_fisheye() -> None:
+    """The floor is lit in closed form, at the places that the camera's angles tell; the edge of a shadow moves.
+
+    The light's intensity towards an edge, and the pixels per steradian, follow from `sample` and `project`.
+    """
+    scene = jaxrt.build(lamp_over())
+    picture = np.asarray(jaxrt.render(scene, 0, spp=32, max_depth=1))
+    j, i = np.meshgrid(np.arange(16) + 0.5, np.arange(16) + 0.5)
+    # Where the middles of the pixels look, but for the ball and its shadow
+    radius, turn = np.hypot(j - 8, i - 8), np.arctan2(i - 8, j - 8)
+    reach = 6 * np.tan(radius / 16 * np.radians(100))
+    places = np.stack([0.3 + reach * np.cos(turn), 0 * reach, 0.2 + reach * np.sin(turn)], -1)
+    away, axis = places - [2, 5, 1], np.array([-1, -5, 0]) / np.sqrt(26)
+    distance = np.linalg.norm(away, axis=-1)
+    cosine = away @ axis / distance
+    want = ALBEDO / np.pi * np.array([20, 30, 40]) * (cosine**2 * 5 / distance**3)[..., None]
+    seen = (radius < 6) & (j > 11)
+    assert seen.sum() > 10
+    np.testing.assert_allclose(picture[seen], want[seen], rtol=0.03)
+    report = jaxrt.gradcheck(
+        scene, "camera.position", 3, component=0, spp=32, max_depth=1, boundary_samples=1024, seeds=2, step=0.03,
+        tolerance=0.05,
+    )  # fmt: skip
+    assert report.coverage.included == ("interior", "shadow edges", "outlines seen by the camera")
+    assert report.verdict == "agrees", str(report)
+
+
+def test_a_fit_from_a_scene_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The torch's axis and intensity, seen by the fisheye."""
+    working_folder(tmp_path, monkeypatch, tomlkit.dumps(lamp_over()))
+    jaxrt.save_image("target.exr", jaxrt.render(jaxrt.load_scene("ball.toml"), 1, spp=64, max_depth=1))
+    start = lamp_over()
+    start["lights"][0] |= {"axis": [0, -5, 0.5], "intensity": [30, 30, 30]}
+    Path("guess.toml").write_text(tomlkit.dumps({**start, "render": {"max_depth": 1}}))
+    names = "lights.axis[0]", "lights.intensity[0]"
+    status, out, err = run(capsys, "fit", "guess.toml", "target.exr", "--parameters", *names, "-o", "out", "--spp", 16)
+    assert status == 0, out + err
+    found = jaxrt.parameters(jaxrt.load_scene("out/fitted.toml"))
+    np.testing.assert_allclose(found["lights.intensity"][0], [20, 30, 40], rtol=0.02)
+    axis = np.asarray(found["lights.axis"][0])
+    np.testing.assert_allclose(axis / np.linalg.norm(axis), np.array([-1, -5, 0]) / np.sqrt(26), atol=0.01)
+
+
+def camera_of(table: dict[str, Any]) -> Any:
+    table = CAMERAS.validate(table)
+    return CAMERAS.kind_of(table).single(table, jnp.float32)
+
+
+@pytest.mark.parametrize("image", [(8.0, 8.01), (3.2, 11.4), (15.0, 1.0)])
+def test_image_points_are_where_rays_go(image: tuple[float, float]) -> None:
+    """A central camera's `project` undoes its `ray`; pixels per steradian follow by its Jacobian."""
+    table = {"position": [1, 2, 3], "target": [0, 1, 0], "width": 16, "height": 16}
+    for camera in (globe := camera_of(lamp_over()["camera"]), camera_of(table)):
+        view = view_of(camera)
+        pair = jnp.float32(image[0]), jnp.float32(image[1])
+        ray = view.ray(pair, pair)
+        seen = projection(view, ray.origin + 3 * ray.direction)
+        np.testing.assert_allclose(seen.image, image, atol=2e-4)
+        assert seen.inside and seen.pixel == int(image[1]) * 16 + int(image[0])
+        if camera is globe:
+            angle = np.hypot(image[0] - 8, image[1] - 8) / 16 * np.radians(100)
+            want = (16 / np.radians(100)) ** 2 * angle / np.sin(angle)
+        else:
+            want = View.density(view, ray.origin + 3 * ray.direction)
+        assert float(seen.density) == pytest.approx(float(want), rel=1e-3)
+
+
+def test_a_thin_lens_blurs_what_is_not_in_focus() -> None:
+    """A far small light is a disk whose size the lens tells: the second pair of the first block is for the lens."""
+    camera = {"type": "lens", "position": [0, 0, 0], "aperture": 0.5, "focus": 10, "scale": 0.005}
+    lamp = {"position": [0, 0, -20], "intensity": 1, "radius": 0.15}
+    scene = jaxrt.build({"camera": {**camera, "width": 16, "height": 16}, "lights": [lamp]})
+    picture = np.asarray(jaxrt.render(scene, 0, spp=256, max_depth=1))[..., 0]
+    # A uniform disk of radius R has variance R²/4 along an axis
+    disk, lamp_itself = 0.5 * (1 / 10 - 1 / 20) / 0.005, 0.15 / 20 / 0.005
+    for axis in np.meshgrid(np.arange(16) - 7.5, np.arange(16) - 7.5):
+        variance = np.sum(picture * axis**2) / np.sum(picture)
+        assert variance == pytest.approx((disk**2 + lamp_itself**2) / 4, rel=0.05)
+
+
+LAMPS: list[dict[str, Any]] = [
+    {"type": "torch", "position": [0, 8, 0], "axis": [0, -1, 0], "intensity": 1},
+    {"position": [1, 8, 0], "intensity": 2, "radius": 0.5},
+    {"type": "dome", "ground": 0.1, "zenith": 0.2},
+    {"type": "torch", "position": [2, 8, 0], "axis": [0, -1, 0], "intensity": 3},
+    {"type": "sphere", "position": [3, 8, 0], "intensity": 4},
+    {"type": "sun", "toward": [0, 1, 0], "irradiance": 5},
+]
+
+
+def mixed() -> jaxrt.Scene:
+    return jaxrt.build({**lamp_over(), "lights": LAMPS})
+
+
+def test_rows_of_lights_are_in_the_order_of_the_scene_file() -> None:
+    """Those of all kinds that have the field, whatever the kinds' own order; new values find their way back."""
+    scene = mixed()
+    p = jaxrt.parameters(scene)
+    np.testing.assert_array_equal(p["lights.position"][:, 0], [0, 1, 2, 3])
+    np.testing.assert_array_equal(p["lights.intensity"][:, 0], [1, 2, 3, 4])
+    assert p["lights.radius"].shape == (2,) and p["lights.axis"].shape == (2, 3) and p["lights.toward"].shape == (1, 3)
+    new = {name: value + 1 for name, value in p.items() if name.startswith("lights.")}
+    changed = jaxrt.parameters(jaxrt.with_parameters(scene, new))
+    for name, value in changed.items():
+        np.testing.assert_array_equal(value, new.get(name, p[name]), err_msg=name)
+    np.testing.assert_array_equal(scene.lights.position[:, 0], [1, 3])
+    np.testing.assert_array_equal(scene.lights.radius, [0.5, 0])
+
+
+def test_a_far_scene_is_moved_with_its_lights_and_camera() -> None:
+    far = np.array([1e6, 0, 0])
+
+    def there(table: dict[str, Any]) -> dict[str, Any]:
+        return {
+            k: (np.asarray(v) + far).tolist() if k in ("position", "center", "vertices") else v
+            for k, v in table.items()
+        }
+
+    near = {**lamp_over(), "lights": LAMPS}
+    moved = {k: [there(x) for x in v] if isinstance(v, list) else v for k, v in near.items()}
+    scene, other = jaxrt.build(near), jaxrt.build({**moved, "camera": there(near["camera"])})
+    assert other.origin is not None
+    apart = np.asarray(scene.camera.position) - np.asarray(other.camera.position)
+    for kind, same in zip(scene.lights.kinds, other.lights.kinds, strict=True):
+        if hasattr(kind[0], "position"):
+            np.testing.assert_allclose(kind[0].position - same[0].position, np.tile(apart, (2, 1)), atol=1e-3)
+    np.testing.assert_array_equal(jaxrt.parameters(other)["lights.axis"], jaxrt.parameters(scene)["lights.axis"])
+    np.testing.assert_array_equal(jaxrt.parameters(other)["lights.position"][:, 0], [1e6, 1e6 + 1, 1e6 + 2, 1e6 + 3])
+
+
+def test_what_derivatives_lack_is_named() -> None:
+    scene, outdoors = mixed(), jaxrt.build({**OUTDOORS, "spheres": lamp_over()["spheres"]})
+    assert "shadow edges" in coverage(scene, "lights.position", 1, 64, 0).included
+    assert AFAR in coverage(scene, "lights.toward", 1, 64, 0).missing
+    assert coverage(scene, "lights.zenith", 1, 64, 0) == (False, ("interior",), ())
+    assert {AFAR, SKY} <= set(coverage(scene, "spheres.center", 1, 64, 0).missing)
+    assert coverage(outdoors, "camera.scale", 1, 64) == (False, ("interior",), (SCATTERED,))
+
+
+def test_they_are_listed_bounded_and_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`info`, the unknowns of a fit with their ranges, default steps, and the place of a row in the scene file."""
+    description = parse_description({**lamp_over(), "lights": LAMPS})
+    scene = jaxrt.build(description)
+    print_summary("scene", description, scene, ())
+    told = capsys.readouterr().out
+    for word in ("torch lights", "fisheye camera", "fisheye: position (0.3, 6, 0.2), fov 100", "lights.zenith"):
+        assert word in told
+    names = ["lights.zenith", "lights.position[2]", "lights.axis[1]", "camera.fov"]
+    selectors = {name: parse_selector(name, scene, description) for name in names}
+    unknowns = unknowns_of(scene, selectors)
+    assert [row.kind for row in unknowns.rows] == ["positive", "place", "free", "angle"]
+    back = jaxrt.parameters(unknowns.apply(scene, jnp.asarray(unknowns.vector(scene))))
+    for name, value in jaxrt.parameters(scene).items():
+        np.testing.assert_allclose(back[name], value, rtol=1e-4, atol=1e-4)
+    assert [place_in_file(description, selectors[name]) for name in names[:3]] == [2, 3, 3]
+    for name, selector in selectors.items():
+        assert default_step(scene, selector, 1.0) > 0, name
+
+
+@pytest.mark.parametrize(
+    ("light", "message"),
+    [
+        ({"type": "torsh"}, 'lights[0].type: unknown light type "torsh" (did you mean "torch"?)'),
+        (LAMPS[0] | {"axis": [0, 0, 0]}, "lights[0].axis: (0.0, 0.0, 0.0) is zero: use a direction"),
+        ({"type": "sun", "toward": [0, 1, 0]}, 'lights[0]: "irradiance" is missing: add irradiance = '),
+        ({"type": "dome", "ground": -1, "zenith": 1}, "lights[0].ground: -1 is negative: light cannot be"),
+        ({"type": "sun", "toward": [0, 1, 0], "irradiance": 1, "size": 2}, 'lights[0]: unknown key "size"'),
+    ],
+)  # fmt: skip
+def test_tables_are_checked_as_ours_are(light: dict[str, Any], message: str) -> None:
+    with pytest.raises(jaxrt.SceneError, match=re.escape(message)):
+        jaxrt.build({**lamp_over(), "lights": [light]})
+
+
+def test_a_camera_type_that_is_not_known() -> None:
+    with pytest.raises(
+        jaxrt.SceneError, match=re.escape('camera.type: unknown camera type "fishy" (did you mean "fisheye"?)')
+    ):
+        jaxrt.build({"camera": {"type": "fishy", "position": [0, 0, 0]}})
+
+
+def test_a_central_camera_needs_a_position() -> None:
+    with pytest.raises(TypeError, match="is central and has no position"):
+
+        @jaxrt.camera
+        class Nowhere:
+            is_central = True
+
+            def ray(self, image, u): ...
+
+            def project(self, point): ...
