@@ -13,7 +13,6 @@ from jaxrt.description import SceneError, nearest
 from jaxrt.kernels.native import local
 from jaxrt.materials import Diffuse, Glass, Materials, Mirror
 from jaxrt.scene import Idle, Scene, check_scene
-from jaxrt.shapes.sphere import exact_power
 
 _PLACES = {"lights.position", "spheres.center", "meshes.vertices", "camera.position", "camera.target"}
 
@@ -90,11 +89,8 @@ def _assign(scene: Scene, new: Mapping[str, Array]) -> Scene:
     lights, spheres, triangles = scene.lights, scene.spheres, scene.triangles
     if lights is not None:
         lights = replace(lights, **_fields(new, "lights"))
-    if spheres is not None and (changed := _fields(new, "spheres")):
-        # What the rounding of centre and radius lost stays in the power
-        lost = spheres.power - exact_power(spheres.center, spheres.radius)
-        spheres = replace(spheres, **changed)
-        spheres = replace(spheres, power=exact_power(spheres.center, spheres.radius) + lost)
+    if spheres is not None:
+        spheres = replace(spheres, **_fields(new, "spheres"))
     if triangles is not None:
         triangles = replace(triangles, **_fields(new, "meshes"))
     materials, idle = _with_materials(scene, new)
