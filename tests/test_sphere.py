@@ -1,5 +1,7 @@
 """Spheres, function by function; the hard cases are in stability/test_s_sphere.py."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,41 +17,76 @@ U = 2.0**-24
 
 
 def make(center, radius, material=None):
-    c, r = np.asarray(center, np.float32), np.asarray(radius, np.float32)
-    power = np.sum(c.astype(float) ** 2, -1) - r.astype(float) ** 2
+    c, r = jnp.asarray(center, jnp.float32), jnp.asarray(radius, jnp.float32)
     material = np.arange(len(r)) if material is None else material
-    power, material = jnp.asarray(power, jnp.float32), jnp.asarray(material, jnp.int32)
-    return sphere.Spheres(jnp.asarray(c), jnp.asarray(r), power, material)
+    return sphere.Spheres(c, r, jnp.zeros_like(r), jnp.asarray(material, jnp.int32))
+
+
+def beside_the_origin(radius, n, seed=0):
+    """Return random spheres in float64 that pass within 1 of the origin: centres (n, 3), radii (n,)."""
+    rng = np.random.default_rng(seed)
+    r = radius * rng.uniform(0.5, 1, n)
+    c = rng.normal(size=(n, 3))
+    return c / np.linalg.norm(c, axis=1, keepdims=True) * (r[:, None] + rng.uniform(-1, 1, (n, 1))), r
+
+
+def power(center, radius):
+    return np.sum(center.astype(float) ** 2, 1) - radius.astype(float) ** 2
 
 
 @pytest.mark.parametrize("radius", [1e-3, 1.0, 1e3, 1e6])
 def test_exact_power_is_float64_rounded_once(radius):
-    rng = np.random.default_rng(0)
-    r = (radius * rng.uniform(0.5, 1, 1000)).astype(np.float32)
-    c = rng.normal(size=(1000, 3))
-    c = (c / np.linalg.norm(c, axis=1, keepdims=True) * (r[:, None] + rng.uniform(-1, 1, (1000, 1)))).astype(np.float32)
-    truth = np.sum(c.astype(float) ** 2, 1) - r.astype(float) ** 2
-    naive = np.sum(c * c, 1) - r * r
-    power = np.asarray(jax.jit(sphere.exact_power)(c, r))
-    assert np.all(np.abs(power - truth) <= 2 * U * np.abs(truth) + 2.0**-46 * r.astype(float) ** 2)
-    if radius >= 1e3:
-        assert np.abs(naive - truth).max() > 100 * np.abs(power - truth).max()
+    """Of as many spheres as fill several loops of a compiler's vectors, by themselves and compiled."""
+    c, r = (np.float32(x) for x in beside_the_origin(radius, 40_000))
+    truth, naive = power(c, r), np.sum(c * c, 1) - r * r
+    for run in (sphere.exact_power, jax.jit(sphere.exact_power)):
+        found = np.asarray(run(jnp.asarray(c), jnp.asarray(r), jnp.zeros(len(r))))
+        assert np.all(np.abs(found - truth) <= 2 * U * np.abs(truth) + 2.0**-46 * r.astype(float) ** 2)
+        if radius >= 1e3:
+            assert np.abs(naive - truth).max() > 100 * np.abs(found - truth).max()
 
 
 def test_exact_power_has_no_derivative():
-    slopes = jax.jit(jax.jacfwd(sphere.exact_power, (0, 1)))(jnp.ones((2, 3)), jnp.ones(2))
+    slopes = jax.jit(jax.jacfwd(sphere.exact_power, (0, 1, 2)))(jnp.ones((2, 3)), jnp.ones(2), jnp.zeros(2))
     assert all(np.all(x == 0) for x in slopes)
 
 
-def test_table_carries_the_derivative_of_the_power():
-    def constant(center, radius):
-        spheres = sphere.Spheres(center, radius, jnp.asarray([5.0 - 9.0]), jnp.zeros(1, jnp.int32))
-        return sphere.sphere_table(spheres).constant[0]
+@pytest.mark.parametrize("radius", [1.0, 1e3, 1e6])
+def test_lost_digits_bring_back_the_power_and_are_all_kept(radius):
+    """What rounding takes is within the bound that tells it from the digits of other spheres; the bound is tight."""
+    exact_c, exact_r = beside_the_origin(radius, 40_000)
+    lost = np.float32(sphere.lost_digits(exact_c, exact_r, jnp.float32))
+    c, r = jnp.asarray(exact_c, jnp.float32), jnp.asarray(exact_r, jnp.float32)
+    spheres = sphere.Spheres(c, r, jnp.asarray(lost), jnp.zeros(len(r), jnp.int32))
+    huge = np.asarray(r * r > jnp.sum(c * c, -1) / 4)
+    kept = np.asarray(jax.jit(sphere.kept_digits)(spheres))
+    np.testing.assert_array_equal(kept, lost)
+    assert np.all(lost[~huge] == 0) and np.abs(lost[huge] / exact_r[huge]).max() > U
+    truth = power(exact_c, exact_r)
+    found = np.asarray(jax.jit(sphere.sphere_table)(spheres).constant)
+    # How far the surface is off beside the origin
+    off = np.abs(found - truth)[huge] / (2 * exact_r[huge])
+    assert np.all(off <= (2 * U * np.abs(truth[huge]) + 2.0**-45 * exact_r[huge] ** 2) / (2 * exact_r[huge]))
+
+
+def test_lost_digits_of_another_sphere_do_not_count():
+    """A wall of radius 1e6 shrunk to a ball, with the wall's digits left in: that ball to the bit."""
+    ball = make([[0, 0, 0], [0, 1, 0], [3, 0, 0]], [1, 2, 0.5])
+    stale = replace(ball, lost=jnp.asarray([0.03, -0.03, jnp.nan]))
+    for x, y in zip(
+        jax.tree.leaves(sphere.sphere_table(stale)), jax.tree.leaves(sphere.sphere_table(ball)), strict=True
+    ):
+        np.testing.assert_array_equal(x, y)
+
+
+def test_table_carries_the_derivative_of_the_power_and_none_of_the_lost_digits():
+    def constant(center, radius, lost):
+        return sphere.sphere_table(sphere.Spheres(center, radius, lost, jnp.zeros(1, jnp.int32))).constant[0]
 
     c, r = jnp.asarray([[1.0, 0.0, 2.0]]), jnp.asarray([3.0])
-    assert constant(c, r) == -4
-    by_center, by_radius = jax.jit(jax.grad(constant, (0, 1)))(c, r)
-    assert np.allclose(by_center, 2 * c) and np.allclose(by_radius, -6)
+    assert constant(c, r, jnp.zeros(1)) == -4
+    by_center, by_radius, by_lost = jax.jit(jax.grad(constant, (0, 1, 2)))(c, r, jnp.full(1, U))
+    assert np.allclose(by_center, 2 * c) and np.allclose(by_radius, -6) and np.all(by_lost == 0)
 
 
 def nearest(table, o, d, farthest):
@@ -98,8 +135,7 @@ def test_surface_point_follows_centre_radius_and_ray():
     o, c, r = jnp.asarray([0.1, 0.2, 0.0]), jnp.asarray([2.1, 0.3, 2.4]), jnp.float32(1)
 
     def position(c, r, o):
-        power = jnp.sum(c * c) - r * r
-        table = sphere.sphere_table(sphere.Spheres(c[None], r[None], power[None], jnp.zeros(1, jnp.int32)))
+        table = sphere.sphere_table(sphere.Spheres(c[None], r[None], jnp.zeros(1), jnp.zeros(1, jnp.int32)))
         point = sphere.sphere_surface_point(table, Ray(o, d), jnp.int32(0))
         return point.position, point.normal
 

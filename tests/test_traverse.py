@@ -117,7 +117,7 @@ def test_float64():
 
 def test_no_tree_is_compiled_without_one():
     one = Ray(jnp.zeros(3), jnp.asarray([0.0, 0.0, 1.0]))
-    spheres = Spheres(jnp.zeros((1, 3)), jnp.ones(1), -jnp.ones(1), jnp.zeros(1, jnp.int32))
+    spheres = Spheres(jnp.zeros((1, 3)), jnp.ones(1), jnp.zeros(1), jnp.zeros(1, jnp.int32))
     few, many = (triangles_of(*meshes.icosphere(k), least=48) for k in (0, 1))
     for triangles, walks in ((None, False), (few, False), (many, True)):
         geometry = geometry_of(spheres, triangles)

@@ -47,8 +47,7 @@ def scaled(description: dict[str, Any], s: float) -> dict[str, Any]:
 
 def ball_again(method: Leave, center: Array, radius: Array, o: Array, d: Array, w: Array) -> tuple[Array, Array]:
     """Return (hit?, hit again by the ray that leaves outwards?)."""
-    power = dot(center, center) - radius * radius
-    table = sphere_table(Spheres(center[None], radius[None], power[None], jnp.zeros(1, jnp.int32)))
+    table = sphere_table(Spheres(center[None], radius[None], jnp.zeros(1), jnp.zeros(1, jnp.int32)))
     far, ray = jnp.full((), FAR), Ray(o, d)
     point = sphere_surface_point(table, ray, jnp.int32(0))
     w = jnp.where(dot(point.normal, w) < 0, -w, w)

@@ -13,7 +13,7 @@ from benchmarks.ladder import BASE, build
 from jaxrt.core.maths import FAR
 from jaxrt.core.records import Ray
 from jaxrt.shapes import sphere
-from jaxrt.shapes.sphere import Spheres, SphereTable, find_sphere, sphere_surface_point, sphere_table
+from jaxrt.shapes.sphere import Spheres, SphereTable, find_sphere, lost_digits, sphere_surface_point, sphere_table
 from tests.lanes import lanes
 from tests.oracle import directions, dot, sphere_distances, unit_vectors
 
@@ -43,20 +43,20 @@ def off_at(radius: float) -> str:
 
 @jax.jit
 @jax.vmap
-def tables(center: Array, radius: Array, power: Array) -> SphereTable:
+def tables(center: Array, radius: Array, lost: Array) -> SphereTable:
     """Return a table of one sphere for each lane."""
-    return sphere_table(Spheres(center[None], radius[None], power[None], jnp.zeros(1, jnp.int32)))
+    return sphere_table(Spheres(center[None], radius[None], lost[None], jnp.zeros(1, jnp.int32)))
 
 
 def trace(swaps: list[Swap], center: np.ndarray, radius: float, o: np.ndarray, d: np.ndarray) -> tuple:
-    """Return (row, position) of rays at one sphere, whose power is known to float64, as `build` knows it."""
+    """Return (row, position) of rays at one sphere, known to float64, as `build` knows it."""
 
     def one(table: SphereTable, o: Array, d: Array) -> tuple[Array, Array]:
         ray = Ray(o, d)
         return find_sphere(table, ray, jnp.full((), FAR))[1], sphere_surface_point(table, ray, jnp.int32(0)).position
 
-    power = np.sum(center.astype(float) ** 2) - radius**2
-    rows = [np.broadcast_to(np.float32(x), (N, *np.shape(x))) for x in (center, radius, power)]
+    lost = lost_digits(center[None].astype(float), np.full(1, radius, float), np.float32)[0]
+    rows = [np.broadcast_to(np.float32(x), (N, *np.shape(x))) for x in (center, radius, lost)]
     with swapped(swaps):
         return lanes(one)(tables(*rows), o, d)
 

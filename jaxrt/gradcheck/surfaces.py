@@ -11,6 +11,7 @@ from jaxrt.description.mesh_pairs import TOUCHING, faces_cross
 from jaxrt.lights import casters_of
 from jaxrt.scene import Scene
 from jaxrt.scene.lights import light_numbers
+from jaxrt.shapes import kept_digits
 
 Mask = NDArray[np.bool_]
 
@@ -43,11 +44,8 @@ def surfaces_of(scene: Scene) -> Surfaces:
     """Return the scene's surfaces; huge spheres lie where they are drawn, not where float32 rounds them to."""
     centers, radii = [np.zeros((0, 3))], [np.zeros(0)]
     if (s := scene.spheres) is not None:
-        center, radius, power = (np.asarray(x, float) for x in (s.center, s.radius, s.power))
-        squared = np.sum(center**2, axis=-1)
-        centers.append(center)
-        # As `shapes.sphere` draws them
-        radii.append(np.where(radius > np.sqrt(squared) / 2, np.sqrt(np.maximum(squared - power, 0)), radius))
+        centers.append(np.asarray(s.center, float))
+        radii.append(np.asarray(s.radius, float) + np.asarray(kept_digits(s), float))
     if scene.lights is not None:
         places, sizes, _ = casters_of(scene.lights)
         centers.append(np.asarray(places, float))

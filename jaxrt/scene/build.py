@@ -22,7 +22,7 @@ from jaxrt.scene.checks import check_memory, warnings_of
 from jaxrt.scene.lights import order_of_lights
 from jaxrt.scene.materials import list_materials
 from jaxrt.scene.record import NoSceneError, Scene
-from jaxrt.shapes import Spheres, Triangles, mesh_edges, topology_of
+from jaxrt.shapes import Spheres, Triangles, lost_digits, mesh_edges, topology_of
 
 WIDE = 1e3  # from that ratio on, rays lose a triangle over 1/3000 of the smallest thing's size
 
@@ -65,10 +65,9 @@ def _spheres(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, 
         return None
     center = np.asarray([s.center for s in scene.spheres], float) - origin
     radius = np.asarray([s.radius for s in scene.spheres], float)
-    # Of the unrounded sphere: it puts a wall of radius 1e6 where it should be, though its centre is rounded to 1/16
-    power = np.sum(center**2, -1) - radius**2
+    lost = lost_digits(center, radius, dtype)
     material = jnp.asarray([rows[s.material] for s in scene.spheres], jnp.int32)
-    return Spheres(jnp.asarray(center, dtype), jnp.asarray(radius, dtype), jnp.asarray(power, dtype), material)
+    return Spheres(jnp.asarray(center, dtype), jnp.asarray(radius, dtype), jnp.asarray(lost, dtype), material)
 
 
 def _triangles(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, dtype: DTypeLike) -> Triangles | None:

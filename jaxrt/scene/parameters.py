@@ -15,7 +15,6 @@ from jaxrt.scene.lights import light_parameters, with_light_parameters
 from jaxrt.scene.materials import material_parameters, with_material_parameters
 from jaxrt.scene.measures import measure
 from jaxrt.scene.record import Scene, check_scene
-from jaxrt.shapes.sphere import exact_power
 
 
 def parameters(scene: Scene) -> dict[str, Array]:
@@ -73,11 +72,8 @@ def _fields(new: Mapping[str, Array], owner: str) -> dict[str, Any]:
 
 def _assign(scene: Scene, new: Mapping[str, Array]) -> Scene:
     spheres, triangles = scene.spheres, scene.triangles
-    if spheres is not None and (changed := _fields(new, "spheres")):
-        # What the rounding of centre and radius lost stays in the power
-        lost = spheres.power - exact_power(spheres.center, spheres.radius)
-        spheres = replace(spheres, **changed)
-        spheres = replace(spheres, power=exact_power(spheres.center, spheres.radius) + lost)
+    if spheres is not None:
+        spheres = replace(spheres, **_fields(new, "spheres"))
     if triangles is not None:
         triangles = replace(triangles, **_fields(new, "meshes"))
     materials, idle = with_material_parameters(scene, _fields(new, "materials"))

@@ -3,10 +3,10 @@
 With f = o − c and b = f·d, the roots of t² + 2bt + (f·f − r²) = 0 lose their digits in two places, and each has two
 forms of which one is good.
 
-* The power f·f − r² of the origin cancels when a huge sphere passes close by. With k = c·c − r² rounded once from
-  float64, o·(o − 2c) + k is as exact as the coordinates themselves. Spheres with r > |c|/2 use it: for any point p on
-  such a sphere its rounding error exceeds that of the usual form by a small factor at most, and by 1/r near the origin
-  it is far below. Others use f·f − r².
+* The power f·f − r² of the origin cancels when a huge sphere passes close by. With k = c·c − r² rounded once
+  (`exact_power`), o·(o − 2c) + k is as exact as the coordinates themselves. Spheres with r > |c|/2 use it: for any
+  point p on such a sphere its rounding error exceeds that of the usual form by a small factor at most, and by 1/r near
+  the origin it is far below. Others use f·f − r².
 * The discriminant is b² − power near the sphere, and r² − |f − b d|² far from it (Haines et al., Ray Tracing Gems
   2019, ch. 7), where b² would cancel.
 
@@ -14,22 +14,27 @@ The smaller root comes from the larger one by t₁t₂ = power.
 """
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
+from jax.typing import DTypeLike
+from numpy.typing import NDArray
 
-from jaxrt.core.maths import FAR, dot, grad_only, normalize, safe_divide, safe_sqrt, unit_roundoff
+from jaxrt.core.maths import FAR, dot, grad_only, normalize, safe_divide, safe_sqrt, two_sum, unit_roundoff
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Ray, SurfacePoint
 from jaxrt.kernels.gather import take
 from jaxrt.kernels.native import once
 
+Floats = NDArray[np.float64]
+
 
 @pytree
 class Spheres:
-    """What the user owns, plus one derived number: the power, which float32 cannot recompute for a huge sphere."""
+    """What the user owns, and of huge spheres the digits that its numbers have no room for."""
 
     center: Array  # (n, 3) scene units
     radius: Array  # (n,) scene units, > 0
-    power: Array  # (n,) |center|² − radius², computed in float64 by `build`; carries no derivative of its own
+    lost: Array  # (n,) scene units, what rounding the above took from the radius (`lost_digits`); without derivative
     material: Array  # (n,) int32
 
 
@@ -50,7 +55,7 @@ def sphere_table(spheres: Spheres) -> SphereTable:
     c, r = spheres.center, spheres.radius
     squared = jnp.sum(c * c, -1)
     huge = r * r > squared / 4
-    power = lax.stop_gradient(spheres.power) + grad_only(squared - r * r)
+    power = exact_power(c, r, kept_digits(spheres)) + grad_only(squared - r * r)
     base = jnp.where(huge[:, None], 0, c)
     return SphereTable(c, r, base, jnp.where(huge[:, None], c, 0), jnp.where(huge, power, -r * r), spheres.material)
 
@@ -160,22 +165,47 @@ def sphere_error(row: Row, p: Array) -> Array:
     return 8 * unit_roundoff(p) * (terms / (2 * radius) + jnp.sum(jnp.abs(p)))
 
 
-def exact_power(center: Array, radius: Array) -> Array:
-    """Return |center|² − radius² of each sphere, rounded once, without derivative. center: (n, 3), radius: (n,).
+def lost_digits(center: Floats, radius: Floats, dtype: DTypeLike) -> Floats:
+    """Return by how much the radii (n,) must be longer, once all is rounded to `dtype`, for walls to stay in place.
 
-    Each factor is split into two halves whose products are exact, so that no compiler's choice between rounding a
-    product and fusing it matters; the products are summed with their rounding errors (Ogita, Rump and Oishi 2005).
+    It puts a wall of radius 1e6 where it should be, though its centre is rounded to 1/16. With the rounded c and r,
+    (r + lost)² − |c|² is that of the unrounded sphere, and with it the power of the origin, near which the scene lies.
+    Of spheres that are not huge 0: they are what their numbers say. center: (n, 3), float64.
     """
-    factors = lax.stop_gradient(jnp.concatenate([center, radius[:, None]], -1))
+    c, r = (np.asarray(x, dtype).astype(float) for x in (center, radius))
+    excess = (radius - r) * (radius + r) - np.sum((center - c) * (center + c), -1)
+    huge = r * r > np.sum(c * c, -1) / 4
+    return np.where(huge, excess / (r + np.sqrt(np.maximum(r * r + excess, 0))), 0)
+
+
+def kept_digits(spheres: Spheres) -> Array:
+    """Return the lost digits (n,) as far as they may be those of the present centre and radius, else 0.
+
+    So whatever changes centre and radius, with the digits or without, gets the sphere that they say: off by half an ulp
+    of them at most, and not at all where it is another sphere altogether. For rounding takes at most u|x| from a number
+    x, so that |(r + lost)² − r²| ≤ 2u(|c|² + r²) to first order, hence |lost| r ≤ u(|c|² + r²).
+    """
+    c, r = spheres.center, spheres.radius
+    squared = jnp.sum(c * c, -1)
+    most = 1.001 * unit_roundoff(r) * (squared + r * r)  # .001: more than enough for the second order
+    kept = (jnp.abs(spheres.lost) * r <= most) & (r * r > squared / 4)
+    return lax.stop_gradient(jnp.where(kept, spheres.lost, 0))
+
+
+def exact_power(center: Array, radius: Array, lost: Array) -> Array:
+    """Return |center|² − (radius + lost)² of each sphere, rounded once, without derivative.
+
+    center: (n, 3), radius: (n,), lost: (n,) far below the radius. Each factor is split into two halves whose products
+    are exact, so that no compiler's choice between rounding a product and fusing it matters; the products are summed
+    with their rounding errors (Ogita, Rump and Oishi 2005), in pairs.
+    """
+    factors, lost = lax.stop_gradient((jnp.concatenate([center, radius[:, None]], -1), lost))
     word, cut = (jnp.uint32, 12) if factors.dtype == jnp.float32 else (jnp.uint64, 27)
-    bits = lax.bitcast_convert_type(factors, word)
-    high = lax.bitcast_convert_type(bits >> cut << cut, factors.dtype)
-    low = factors - high
-    signs = jnp.asarray([[1, 1, 1, -1]], factors.dtype)
-    terms = jnp.concatenate([signs * high * high, 2 * signs * high * low, signs * low * low], -1)
-    total, error = jnp.zeros_like(radius), jnp.zeros_like(radius)
-    for term in jnp.moveaxis(terms, -1, 0):
-        new = total + term
-        part = new - total
-        error, total = error + ((total - (new - part)) + (term - part)), new
-    return total + error
+    high = lax.bitcast_convert_type(lax.bitcast_convert_type(factors, word) >> cut << cut, factors.dtype)
+    halves = jnp.stack([high, factors - high], -1)
+    signed = halves * jnp.asarray([1, 1, 1, -1], factors.dtype)[None, :, None]
+    total, error = (signed[..., None] * halves[..., None, :]).reshape(-1, 16), -lost * (2 * factors[:, 3] + lost)
+    while total.shape[-1] > 1:
+        total, rest = two_sum(*jnp.split(total, 2, -1))
+        error = error + jnp.sum(rest, -1)
+    return total[:, 0] + error

@@ -73,15 +73,22 @@ def tables_of(scene: Scene) -> Tables:
     lights = scene.lights
     alone = lights is not None and lights.count == 1
     geometry = geometry_of(_with_light_spheres(scene), scene.triangles)
+    first_light = 0 if scene.spheres is None else scene.spheres.radius.shape[0]
     return Tables(
         camera=view_of(scene.camera),
         geometry=geometry,
-        occluders=lax.stop_gradient(geometry_of(scene.spheres, scene.triangles) if alone else geometry),
+        occluders=lax.stop_gradient(_first_spheres(geometry, first_light) if alone else geometry),
         materials=scene.materials,
         lights=None if lights is None else light_table(lights),
         environment=scene.environment,
-        first_light=0 if scene.spheres is None else scene.spheres.radius.shape[0],
+        first_light=first_light,
     )
+
+
+def _first_spheres(geometry: Geometry, n: int) -> Geometry:
+    """Return the geometry with the first n of its spheres, and all else."""
+    spheres = jax.tree.map(lambda x: x[:n], geometry.spheres) if n else None
+    return Geometry(spheres, geometry.triangles)
 
 
 def _with_light_spheres(scene: Scene) -> Spheres | None:
@@ -92,14 +99,14 @@ def _with_light_spheres(scene: Scene) -> Spheres | None:
     lights, spheres = lax.stop_gradient(scene.lights), scene.spheres
     if lights is None or lights.radius is None:
         return spheres
-    power = jnp.sum(lights.position * lights.position, -1) - lights.radius * lights.radius
+    lost = jnp.zeros_like(lights.radius)
     rows = sum(scene.materials.counts) + jnp.arange(lights.radius.shape[0], dtype=jnp.int32)
     if spheres is None:
-        return Spheres(lights.position, lights.radius, power, rows)
+        return Spheres(lights.position, lights.radius, lost, rows)
     return Spheres(
         jnp.concatenate([spheres.center, lights.position]),
         jnp.concatenate([spheres.radius, lights.radius]),
-        jnp.concatenate([spheres.power, power]),
+        jnp.concatenate([spheres.lost, lost]),
         jnp.concatenate([spheres.material, rows]),
     )
 
