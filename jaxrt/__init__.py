@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from jaxrt.core.messages import SceneError, SceneWarning
     from jaxrt.gradcheck import gradcheck
-    from jaxrt.io import load_image, load_mesh, load_scene, save_image
+    from jaxrt.io import example, load_image, load_mesh, load_scene, save_image
     from jaxrt.kernels.jacobian import jacobian_once
     from jaxrt.render import render, use_cpu_cores
     from jaxrt.scene import Scene, build
@@ -19,6 +19,7 @@ __all__ = [
     "SceneError",
     "SceneWarning",
     "build",
+    "example",
     "gradcheck",
     "jacobian_once",
     "load_image",
@@ -34,7 +35,7 @@ __all__ = [
 # Where the names are, imported when one is asked for: the command line's help needs neither JAX nor NumPy
 _HOMES = {
     "gradcheck": ("gradcheck",),
-    "io": ("load_image", "load_mesh", "load_scene", "save_image"),
+    "io": ("example", "load_image", "load_mesh", "load_scene", "save_image"),
     "kernels.jacobian": ("jacobian_once",),
     "core.messages": ("SceneError", "SceneWarning"),
     "scene.parameters": ("parameters", "with_parameters"),
