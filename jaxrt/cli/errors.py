@@ -29,13 +29,6 @@ def refusing() -> Iterator[None]:
         raise UsageError(str(error)) from None
 
 
-def print_anything() -> None:
-    """Let characters that the terminal's encoding lacks be escaped, instead of ending the command."""
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="backslashreplace")
-
-
 def told(error: Exception) -> int:
     """Print what ended a command in one line, with JAXRT_TRACEBACK=1 also where, and return the exit status."""
     if os.environ.get("JAXRT_TRACEBACK"):

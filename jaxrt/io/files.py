@@ -88,5 +88,9 @@ def _nearest(path: Path, suffixes: Sequence[str], remedy: str) -> str:
             names = [entry.name for entry in islice(entries, MOST_NEIGHBOURS)]
     except (OSError, ValueError):
         return f": {remedy}"
-    near = difflib.get_close_matches(path.name, [n for n in names if Path(n).suffix.lower() in suffixes], n=1)
-    return f' (did you mean "{path.with_name(near[0])}"?)' if near else f": {remedy}"
+    fitting = {name.casefold(): name for name in names if Path(name).suffix.lower() in suffixes}
+    # A name without its suffix, then one that is spelt alike
+    asked = path.name.casefold()
+    near = [asked + suffix for suffix in suffixes if asked + suffix in fitting]
+    near = near or difflib.get_close_matches(asked, fitting, n=1)
+    return f' (did you mean "{path.with_name(fitting[near[0]])}"?)' if near else f": {remedy}"
