@@ -55,4 +55,4 @@ def _verdict(error: Exception) -> tuple[int, str]:
 def _of_system(error: OSError) -> str:
     """Return what the system refused, and of which file."""
     culprit = [str(part) for part in (error.filename, error.strerror) if part]
-    return f"{': '.join(culprit) or error}: choose another file"
+    return f"{': '.join(culprit)}: choose another file" if culprit else str(error)

@@ -40,7 +40,7 @@ def read_bytes(
             check_size(path, status.st_size, limit)
             data = file.read(status.st_size + 1)
     except FileNotFoundError:
-        raise SceneError(f"{path}: no such file{_nearest(path, suffixes, remedy)}") from None
+        raise SceneError(f"{path}: no such file{instead_of(path, suffixes, remedy)}") from None
     except SceneError:
         raise
     except (OSError, ValueError) as error:
@@ -79,8 +79,8 @@ def check_size(path: Path, size: int, limit: int, what: str = "has") -> None:
         )
 
 
-def _nearest(path: Path, suffixes: Sequence[str], remedy: str) -> str:
-    """Return the remedy for a missing file."""
+def instead_of(path: Path, suffixes: Sequence[str], remedy: str = "check the path") -> str:
+    """Return the remedy for a missing file: the nearest name that ends in one of `suffixes`, or `remedy`."""
     try:
         if not path.parent.is_dir():
             return f": the folder {show(str(path.parent))} does not exist, {remedy}"
