@@ -148,3 +148,9 @@ def test_links_lead_somewhere() -> None:
     for page in (page for folder in (".", "docs", "benchmarks", "examples") for page in (ROOT / folder).glob("*.md")):
         for link in re.findall(r"\]\(([^)#]+)\)", page.read_text()):
             assert link.startswith("https://") or (page.parent / link).exists(), f"{page.name}: {link}"
+
+
+def test_s8_citations_name_the_version() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    citation = (ROOT / "CITATION.cff").read_text().splitlines()
+    assert f"version: {project['version']}" in citation and f"license: {project['license']}" in citation
