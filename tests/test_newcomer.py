@@ -80,6 +80,13 @@ def test_s8_help_versions_and_examples_load_nothing_large():
     assert done.returncode == 0, done.stderr
 
 
+def test_help_needs_no_dashes(capsys):
+    for argv in (["help"], ["help", "help"], ["--help"]):
+        with pytest.raises(SystemExit) as end:
+            cli.main(argv)
+        assert end.value.code == 0 and "begin with:\n  jaxrt example room" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_says_what_each_command_does_with_an_example(capsys, command):
     for argv in ([command, "--help"], ["help", command]):
@@ -211,6 +218,13 @@ TYPED = [
     (["render", "ball.toml", "--size", "9x9"], "--size 9x9 (did you mean --width and --height?)"),
     (["render", "ball.toml", "--threads", "2"], "--threads 2 (did you mean --cores?)"),
     (["render", "ball.toml", "-j", "2"], "-j 2 (did you mean --cores?)"),
+    (["render", "ball.toml", "--samples-per-pixel", "2"], "--samples-per-pixel 2 (did you mean --spp?)"),
+    (["render", "ball.toml", "--gpu"], "--gpu (did you mean the variable JAX_PLATFORMS?)"),
+    (["render", "ball.toml", "--verbose"], "unrecognized arguments: --verbose: see"),
+    (["render", "ball.toml", "--sampler", "SOBOL"], 'unknown sampler "SOBOL" (did you mean "sobol"?)'),
+    (["gradcheck", "ball.toml", "albedo"], 'no such parameter (did you mean "materials.albedo"?)'),
+    (["gradcheck", "ball.toml", "camera.fov", "--step", "x"], 'argument --step: "x" is not a number'),
+    (["diff", "seen.exr", "there"], "there: is a folder: name a picture in it"),
     (["render", "ball.toml", "ball.png"], "ball.png (did you mean -o ball.png?)"),
     (["render", "ball.toml", "other.toml"], "unrecognized arguments: other.toml: see"),
     (["render", "ball.toml", "--samples", "64"], '"64" is no range: write FIRST:END, such as 0:512; --spp is how many'),

@@ -87,7 +87,7 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
 
 def _add_display(parser: argparse.ArgumentParser) -> None:
     display = parser.add_argument_group("display")
-    display.add_argument("--exposure", type=_real, default=0.0, metavar="EV", help="brighten by 2**EV (0)")
+    display.add_argument("--exposure", type=_stops, default=0.0, metavar="EV", help="brighten by 2**EV (0)")
     display.add_argument("--srgb", action="store_true", help="write PNG by the sRGB curve, not gamma 2.2")
 
 
@@ -123,7 +123,9 @@ def _add_gradcheck(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--height", type=count, metavar="H", help="rows")
     parser.add_argument("--boundary-samples", type=_integer(0, COUNT_MAX), metavar="N", help="on edges (4 a pixel)")
     parser.add_argument("--component", type=_integer(0, 2), metavar="I", help="of a vector: 0, 1 or 2 (all)")
-    parser.add_argument("--step", type=float, metavar="H", help="of the finer difference (about 1 %% of what matters)")
+    parser.add_argument(
+        "--step", type=_number, metavar="H", help="of the finer difference (about 1 %% of what matters)"
+    )
     parser.add_argument("--seeds", type=_integer(2, COUNT_MAX), default=8, metavar="N", help="for error bars (8)")
     parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of the random numbers (0)")
     parser.add_argument("--cores", type=count, metavar="N", help="CPU cores (all)")
@@ -166,11 +168,14 @@ def _range(text: str) -> tuple[int, int]:
     return whole(first), whole(end)
 
 
-def _real(text: str) -> float:
+def _number(text: str) -> float:
     try:
-        value = float(text)
+        return float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{show(text)} is not a number") from None
-    if not abs(value) <= 100:
+
+
+def _stops(text: str) -> float:
+    if not abs(value := _number(text)) <= 100:
         raise argparse.ArgumentTypeError(f"{text[:60]} is out of range, use -100 to 100 stops")
     return value

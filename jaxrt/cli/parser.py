@@ -11,6 +11,7 @@ from jaxrt.cli.errors import UsageError
 from jaxrt.core.messages import nearest
 
 COLUMN = 30  # where help texts begin at the latest
+ALIKE = 0.7  # of difflib, for an option to be what was meant
 ELSEWHERE = {  # what other programs call it
     "--size": "--width and --height",
     "--resolution": "--width and --height",
@@ -19,7 +20,12 @@ ELSEWHERE = {  # what other programs call it
     "-j": "--cores",
     "--bounces": "--max-depth",
     "--depth": "--max-depth",
+    "--samples-per-pixel": "--spp",
+    "-n": "--spp",
+    "-s": "--spp",
     "--format": "-o with another suffix",
+    "--gpu": "the variable JAX_PLATFORMS",
+    "--device": "the variable JAX_PLATFORMS",
 }
 
 
@@ -40,7 +46,7 @@ class Parser(argparse.ArgumentParser):
         """Return the arguments; the command's own parser refuses what is left of them. `help X` is `X --help`."""
         first = argv[0] if argv else ""
         if first == "help":
-            argv = [*argv[1:2], "--help"]
+            argv = [*(name for name in argv[1:2] if name != first), "--help"]
         elif first.startswith("-") and first not in self._known():
             self.error(f"unrecognized arguments: {first}: options come after the command")
         found, left = self.parse_known_args(argv)
@@ -51,7 +57,7 @@ class Parser(argparse.ArgumentParser):
     def refuse(self, left: Sequence[str]) -> NoReturn:
         """Raise UsageError for arguments that nothing takes."""
         name = left[0].partition("=")[0]
-        near = difflib.get_close_matches(name, self._known(), n=1)
+        near = difflib.get_close_matches(name, self._known(), n=1, cutoff=ALIKE)
         if name.startswith("-"):
             meant = ELSEWHERE.get(name) or "".join(near)
         else:

@@ -47,8 +47,10 @@ def load_image(path: StrPath, srgb: bool = False) -> Pixels:
     Alpha is dropped. Raises ValueError for an unknown suffix, for what is broken or too large, FileNotFoundError for
     no file.
     """
-    suffix = check_suffix(path)
     path = Path(path)
+    if path.is_dir():
+        raise ValueError(f"{path}: is a folder: name a picture in it")
+    suffix = check_suffix(path)
     if not os.path.lexists(path):
         raise FileNotFoundError(f"{path}: no such file{instead_of(path, tuple(_WRITERS))}")
     data = read_bytes(path, tuple(_WRITERS), "a picture", limit=PICTURE_BYTES)
