@@ -25,7 +25,7 @@ from jaxrt.scene.checks import check_memory
 
 def check_output(path: Path, name: str = "picture.png") -> None:
     """Refuse, before any work, a picture that could not be written; `name` is one to choose in a folder."""
-    if not path.is_dir():
+    if not os.path.isdir(path):
         with refusing():
             check_suffix(path)
     check_file(path, name)

@@ -48,7 +48,7 @@ def load_image(path: StrPath, srgb: bool = False) -> Pixels:
     no file.
     """
     path = Path(path)
-    if path.is_dir():
+    if os.path.isdir(path):
         raise ValueError(f"{path}: is a folder: name a picture in it")
     suffix = check_suffix(path)
     if not os.path.lexists(path):
