@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from jaxrt.core.messages import SceneError, SceneWarning
     from jaxrt.description.kinds import camera, light, material
     from jaxrt.gradcheck import gradcheck
-    from jaxrt.io import load_image, load_mesh, load_scene, save_image
+    from jaxrt.io import example, load_image, load_mesh, load_scene, save_image
     from jaxrt.kernels.jacobian import jacobian_once
     from jaxrt.render import render, use_cpu_cores
     from jaxrt.scene import Scene, build
@@ -21,6 +21,7 @@ __all__ = [
     "SceneWarning",
     "build",
     "camera",
+    "example",
     "gradcheck",
     "jacobian_once",
     "light",
@@ -38,7 +39,7 @@ __all__ = [
 # Where the names are, imported when one is asked for: the command line's help needs neither JAX nor NumPy
 _HOMES = {
     "gradcheck": ("gradcheck",),
-    "io": ("load_image", "load_mesh", "load_scene", "save_image"),
+    "io": ("example", "load_image", "load_mesh", "load_scene", "save_image"),
     "kernels.jacobian": ("jacobian_once",),
     "core.messages": ("SceneError", "SceneWarning"),
     "description.kinds": ("camera", "light", "material"),

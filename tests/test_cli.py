@@ -17,7 +17,7 @@ from jaxrt import chunks, cli, programs
 from jaxrt.cli import progress, start
 from jaxrt.cli.commands import render, summary
 from jaxrt.description.kinds import CAMERAS, LIGHTS, MATERIALS
-from jaxrt.io.image import load_image, save_image
+from jaxrt.io.image import load_image
 from jaxrt.io.partial import Partial
 from jaxrt.io.scene_file import read_description
 from jaxrt.render import Run
@@ -345,35 +345,6 @@ def test_info_tells_of_meshes(folder, capsys, monkeypatch):
     status, out, _ = run(capsys, "info", ROOT / "scenes" / "seed" / "mesh_in_room.toml")
     for piece in ("../cat.obj", "25672", "12826", "BVH: a tree of boxes", "build time", "nodes, leaves", "nodes, "):
         assert piece in out, piece
-
-
-def test_diff_measures_and_draws_the_error(folder, capsys):
-    reference = np.full((4, 6, 3), 0.5, np.float32)
-    image = reference.copy()
-    image[1, 2, 0] += 0.25
-    save_image("a.exr", image)
-    save_image("b.exr", reference)
-    status, out, _ = run(capsys, "diff", "a.exr", "b.exr", "-o", "error.exr")
-    assert status == 0
-    assert f"RMSE          {0.25 / 72**0.5:.6g}\n" in out
-    assert f"relative MSE  {0.0625 / 0.26 / 72:.6g}\n" in out
-    assert "max error     0.25 at column 2, row 1\n" in out
-    picture = load_image("error.exr")
-    assert picture[1, 2].tolist() == [1, 0, 0] and picture.sum() == 1
-
-
-def test_diff_of_equal_pictures_is_zero_and_black(folder, capsys):
-    save_image("a.png", np.full((4, 6, 3), 0.5, np.float32))
-    status, out, _ = run(capsys, "diff", "a.png", "a.png")
-    assert status == 0 and "RMSE          0\n" in out
-    assert load_image("diff.png").max() == 0
-
-
-def test_diff_refuses_other_sizes(folder, capsys):
-    save_image("a.png", np.zeros((4, 6, 3)))
-    save_image("b.png", np.zeros((4, 5, 3)))
-    line = refused(capsys, folder, "diff", "a.png", "b.png")
-    assert line == "a.png, b.png: sizes differ, 6x4 and 5x4: render both in one size"
 
 
 def test_help_tells_the_commands(capsys):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from PIL import Image
 
 import jaxrt
 from jaxrt.cli import main
@@ -27,7 +28,18 @@ def blocks(page: str, language: str) -> list[str]:
 def test_readme_has_two_set_up_commands() -> None:
     install, test = (block.strip() for block in blocks("README.md", "sh"))
     assert "\n" not in install + test
-    assert "jaxrt render scenes/room.toml" in install and "pytest" in test
+    assert "jaxrt example room -o room.toml" in install and "jaxrt render room.toml" in install and "pytest" in test
+
+
+def test_s6_readme_shows_what_its_line_draws_and_tells_its_samples() -> None:
+    """That the picture is the line's is tried by .ci/run, which draws it."""
+    install, _ = blocks("README.md", "sh")
+    before = (ROOT / "README.md").read_text().split("```sh")[0]
+    (spp,) = re.findall(r"--spp (\d+)", install)
+    assert "(docs/room.png)" in before and f"{spp} samples a pixel" in before
+    with Image.open(ROOT / "docs/room.png") as picture:
+        camera = jaxrt.example("room").camera
+        assert picture.size == (camera.width, camera.height)
 
 
 def test_readme_snippet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,7 +132,7 @@ def test_scene_file_example() -> None:
     assert scene.camera.width == 512 and "materials.ior" in jaxrt.parameters(scene)
 
 
-@pytest.mark.parametrize("command", ["render", "merge", "info", "diff"])
+@pytest.mark.parametrize("command", ["example", "render", "merge", "info", "diff"])
 def test_help_runs(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:
         main([command, "--help"])
@@ -146,7 +158,6 @@ def test_inverse_guide(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: 
 
 def test_command_line_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """Its commands in their order, in a small size; ranges and --spp as they stand."""
-    (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("jaxrt.cli.start.start_jax", lambda cores: None)
     for line in "".join(blocks("docs/command-line.md", "sh")).splitlines():
@@ -159,3 +170,9 @@ def test_links_lead_somewhere() -> None:
     for page in (page for folder in (".", "docs", "benchmarks", "examples") for page in (ROOT / folder).glob("*.md")):
         for link in re.findall(r"\]\(([^)#]+)\)", page.read_text()):
             assert link.startswith("https://") or (page.parent / link).exists(), f"{page.name}: {link}"
+
+
+def test_s8_citations_name_the_version() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    citation = (ROOT / "CITATION.cff").read_text().splitlines()
+    assert f"version: {project['version']}" in citation and f"license: {project['license']}" in citation

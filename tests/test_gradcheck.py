@@ -12,7 +12,7 @@ from jaxrt.description import parse_description
 from jaxrt.gradcheck import Component, heatmap
 from jaxrt.gradcheck.coverage import coverage
 from jaxrt.gradcheck.functionals import functionals, loss_slope
-from jaxrt.gradcheck.report import compare
+from jaxrt.gradcheck.report import Difference, compare
 from jaxrt.io.image import load_image
 from jaxrt.scene.selectors import parse_selector, select
 
@@ -137,13 +137,29 @@ def component(fine, coarse, interior, total, k=4, spread=1e-4):
         (component(1, 1.1, 0.8, 1), "inconclusive", "try half the step"),
         (component(1, 1, 0.8, 1, spread=0.1), "inconclusive", "noise of"),
         (component(1, 1, 1, 1.5, spread=1), "inconclusive", "noise of"),
-        (component(0, 0, 0, 0, spread=0), "agrees", "within 0 %"),
-        (component(0, 0, 0, 1, spread=0), "differs", "by 1e+02 %"),
+        (component(0, 0, 0, 0, spread=0), "agrees", "within 0 %, of 2 % allowed"),
+        # Rounding, of many standard errors
+        (component(1, 1, 1, 1 + 1e-6, spread=1e-9), "agrees", "within 0.001 %, of 2 % allowed"),
+        (component(0, 0, 0, 1, spread=0), "differs", "by 100 % "),
     ],
 )
 def test_verdicts(check, verdict, told):
     found, why = check.verdict(0.02)
     assert found == verdict and told in why, (found, why)
+
+
+@pytest.mark.parametrize(
+    ("share", "noise", "told"),
+    [
+        (0, 0, "0 %"),
+        (9.7e-7, 4.6e-8, "below 0.001 %"),
+        (0.0123, 0.003, "1.2 % (4.1 sigma)"),
+        (0.5, 0.001, "50 % (500 sigma)"),
+        (12.34, 0.01, "1234 % (999 sigma)"),
+    ],
+)
+def test_differences_are_told_in_figures_that_mean_something(share, noise, told):
+    assert str(Difference(share, noise)) == told
 
 
 def test_heatmap_colours():

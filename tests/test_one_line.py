@@ -89,7 +89,7 @@ def test_s8_characters_that_the_terminal_lacks_are_escaped(tmp_path, monkeypatch
     monkeypatch.setattr(sys, "stdout", page)
     assert main(["info", "bäll\udcff.toml"]) == 0
     page.flush()
-    assert b"b\\xe4ll\\udcff.toml" in page.buffer.getvalue() and b"fov 60\\xb0" in page.buffer.getvalue()
+    assert b"b\\xe4ll\\udcff.toml" in page.buffer.getvalue() and b"fov 60 deg, " in page.buffer.getvalue()
 
 
 def test_s8_names_neither_draw_on_the_terminal_nor_break_lines(tmp_path, monkeypatch, capsys):

@@ -1,4 +1,4 @@
-"""The command line: `jaxrt render`, `merge`, `info`, `diff`, `gradcheck` and `fit`."""
+"""The command line: `jaxrt example`, `render`, `info`, `diff`, `merge`, `gradcheck` and `fit`."""
 
 import importlib
 import os
@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 
 from jaxrt.cli.arguments import parser
-from jaxrt.cli.errors import print_anything, told
+from jaxrt.cli.errors import told
 from jaxrt.cli.signals import NOTHING, leaving, raising, status_of
 from jaxrt.cli.streams import patient_streams
 
@@ -21,11 +21,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     # What XLA says of its own affairs looks like a crash; read when it is loaded
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
-    print_anything()
     with patient_streams():
         try:
             with leaving():
-                args = parser().parse_args(argv)
+                args = parser().read(sys.argv[1:] if argv is None else argv)
                 command = importlib.import_module(f"jaxrt.cli.commands.{args.command}")
             with raising():
                 return command.run(args) or 0

@@ -29,13 +29,6 @@ def refusing() -> Iterator[None]:
         raise UsageError(str(error)) from None
 
 
-def print_anything() -> None:
-    """Let characters that the terminal's encoding lacks be escaped, instead of ending the command."""
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="backslashreplace")
-
-
 def told(error: Exception) -> int:
     """Print what ended a command in one line, with JAXRT_TRACEBACK=1 also where, and return the exit status."""
     if os.environ.get("JAXRT_TRACEBACK"):
@@ -62,4 +55,4 @@ def _verdict(error: Exception) -> tuple[int, str]:
 def _of_system(error: OSError) -> str:
     """Return what the system refused, and of which file."""
     culprit = [str(part) for part in (error.filename, error.strerror) if part]
-    return f"{': '.join(culprit) or error}: choose another file"
+    return f"{': '.join(culprit)}: choose another file" if culprit else str(error)

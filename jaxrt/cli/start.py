@@ -12,8 +12,8 @@ from pathlib import Path
 import jax
 
 from jaxrt.cli.errors import UsageError, refusing
+from jaxrt.cli.places import check_file
 from jaxrt.core.messages import one_line
-from jaxrt.core.writing import check_place
 from jaxrt.description import SceneDescription, SceneWarning, show
 from jaxrt.io.image import check_suffix
 from jaxrt.io.scene_file import read_description
@@ -23,23 +23,12 @@ from jaxrt.scene import Scene, build
 from jaxrt.scene.checks import check_memory
 
 
-def check_output(path: Path) -> None:
-    """Refuse an output that could not be written, before any work."""
-    with refusing():
-        check_suffix(path)
-    check_folder(path)
-
-
-def check_folder(path: Path) -> None:
-    """Refuse an output of any kind whose folder could not take it."""
-    with refusing():
-        if path.is_dir():
-            raise UsageError(f"{path}: is a folder: name a file in it")
-        if not path.parent.is_dir():
-            raise UsageError(f"{path}: the folder {show(str(path.parent))} does not exist: make it first")
-        check_place(path)
-    if not os.access(path.parent, os.W_OK):
-        raise UsageError(f"{path}: the folder {show(str(path.parent))} is not writable: choose another")
+def check_output(path: Path, name: str = "picture.png") -> None:
+    """Refuse, before any work, a picture that could not be written; `name` is one to choose in a folder."""
+    if not os.path.isdir(path):
+        with refusing():
+            check_suffix(path)
+    check_file(path, name)
 
 
 def described(args: argparse.Namespace) -> SceneDescription:

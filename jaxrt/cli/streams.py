@@ -1,10 +1,14 @@
-"""stdout and stderr that may be closed, or break: what is said is lost then, never the work."""
+"""stdout and stderr that may be closed, break, or lack characters: what is said suffers then, never the work."""
 
+import codecs
 import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from typing import Any, TextIO
+
+# What stands for characters of jaxrt's own where an encoding lacks them
+PLAIN = {"°": " deg", "±": "+-", "²": "^2", "·": "*", "×": "x", "−": "-", "–": "-", "…": "...", "→": "->", "│": "|"}
 
 
 class _Patient:
@@ -43,6 +47,9 @@ class _Patient:
 def patient_streams() -> Iterator[None]:
     """Let nothing fail that is printed."""
     _open_standard_descriptors()
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors=_register())
     out, err = (stream or open(os.devnull, "w") for stream in (sys.stdout, sys.stderr))
     with redirect_stdout(_Patient(out)), redirect_stderr(_Patient(err)):
         try:
@@ -50,6 +57,24 @@ def patient_streams() -> Iterator[None]:
         finally:
             sys.stdout.flush()
             sys.stderr.flush()
+
+
+def spelt(text: str, encoding: str) -> str:
+    """Return the text as it will be printed in an encoding: what has to be aligned."""
+    return text.encode(encoding, _register()).decode(encoding)
+
+
+def _register() -> str:
+    """Return the name by which codecs know what stands for characters that they lack."""
+    codecs.register_error("jaxrt", _instead)
+    return "jaxrt"
+
+
+def _instead(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    lacking = error.object[error.start : error.end]
+    return "".join(PLAIN.get(c, c.encode("ascii", "backslashreplace").decode()) for c in lacking), error.end
 
 
 def _open_standard_descriptors() -> None:

@@ -60,9 +60,13 @@ def show(value: object) -> str:
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return ` (did you mean "x"?)` with the nearest of `known`, or some of them where none is near."""
     choices = [str(choice) for choice in known]
-    near = difflib.get_close_matches(name[:LONG], (c for c in choices[:COMPARED] if len(c) <= LONG), n=1)
+    # Small or large letters, and the last part of a dotted name
+    asked = name[:LONG].casefold()
+    compared = {choice.casefold(): choice for choice in choices[:COMPARED] if len(choice) <= LONG}
+    near = [choice for choice in compared if asked and choice.endswith(f".{asked}")]
+    near = near[:1] or difflib.get_close_matches(asked, compared, n=1)
     if near:
-        return f" (did you mean {show(near[0])}?)"
+        return f" (did you mean {show(compared[near[0]])}?)"
     if not choices:
         return " (none is defined)"
     listed = ", ".join(choice if len(choice) <= SHOWN else show(choice) for choice in choices[:LISTED])

@@ -10,6 +10,7 @@ from jaxrt.gradcheck.coverage import Coverage
 from jaxrt.gradcheck.functionals import Numbers
 
 SIGMAS = 4.0  # a difference counts from here on: one of 16 000 normal numbers exceeds it
+NOTHING = 1e-5  # a share that is rounding, however many standard errors it may be
 HIDES = 2.0  # noise hides what it exceeds so many times over
 
 Verdict = Literal["agrees", "differs", "inconclusive"]
@@ -33,8 +34,17 @@ class Difference:
         return self.share > tolerance and self.sigmas > SIGMAS
 
     def __str__(self) -> str:
+        if self.share < NOTHING:
+            return percent(self.share)
         sigmas = f"{self.sigmas:.1f}" if self.sigmas < 10 else f"{min(self.sigmas, 999):.0f}"
-        return f"{100 * self.share:.2g} % ({sigmas} sigma)"
+        return f"{percent(self.share)} ({sigmas} sigma)"
+
+
+def percent(share: float) -> str:
+    """Return a share in per cent, of two digits, and no more decimals than mean something."""
+    if share < NOTHING:
+        return f"below {100 * NOTHING:g} %" if share > 0 else "0 %"
+    return f"{100 * share:.2g} %" if share < 1 else f"{100 * share:.0f} %"
 
 
 @dataclass(frozen=True)
@@ -91,10 +101,13 @@ class Component:
             return "differs", f"by {worst.total} in {worst.name}"
         noisy = max(self.groups, key=lambda g: g.total.noise)
         if HIDES * noisy.total.noise > tolerance:
-            share = 100 * noisy.total.noise
-            return "inconclusive", f"noise of {share:.2g} % in {noisy.name}: use more spp, seeds or boundary_samples"
+            return (
+                "inconclusive",
+                f"noise of {percent(noisy.total.noise)} in {noisy.name}: use more spp, seeds or boundary_samples",
+            )
         worst = max(self.groups, key=lambda g: g.total.share)
-        return "agrees", f"within {worst.total}"
+        sure = worst.total.share + HIDES * worst.total.noise
+        return "agrees", f"within {percent(max(sure, NOTHING) if sure else 0)}, of {percent(tolerance)} allowed"
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 
+from jaxrt.examples import example_file
 from jaxrt.io.files import StrPath
 from jaxrt.io.folders import Folders
 from jaxrt.io.image import load_image, save_image
@@ -10,7 +11,7 @@ from jaxrt.io.meshes import load_mesh
 from jaxrt.io.scene_file import read_description
 from jaxrt.scene import Scene, build
 
-__all__ = ["load_image", "load_mesh", "load_scene", "read_description", "save_image"]
+__all__ = ["example", "load_image", "load_mesh", "load_scene", "read_description", "save_image"]
 
 
 def load_scene(path: StrPath, dtype: DTypeLike = jnp.float32, allow_folders: Folders = ()) -> Scene:
@@ -20,3 +21,11 @@ def load_scene(path: StrPath, dtype: DTypeLike = jnp.float32, allow_folders: Fol
     besides the folder above the file's and all below that.
     """
     return build(read_description(path, allow_folders), dtype)
+
+
+def example(name: str, dtype: DTypeLike = jnp.float32) -> Scene:
+    """Return a scene that comes with jaxrt, such as "room"; `jaxrt example` lists them and writes their files.
+
+    Raises SceneError for a name that there is not. `dtype`: as for `jaxrt.build`.
+    """
+    return load_scene(example_file(name), dtype)

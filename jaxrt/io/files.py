@@ -40,7 +40,7 @@ def read_bytes(
             check_size(path, status.st_size, limit)
             data = file.read(status.st_size + 1)
     except FileNotFoundError:
-        raise SceneError(f"{path}: no such file{_nearest(path, suffixes, remedy)}") from None
+        raise SceneError(f"{path}: no such file{instead_of(path, suffixes, remedy)}") from None
     except SceneError:
         raise
     except (OSError, ValueError) as error:
@@ -79,8 +79,8 @@ def check_size(path: Path, size: int, limit: int, what: str = "has") -> None:
         )
 
 
-def _nearest(path: Path, suffixes: Sequence[str], remedy: str) -> str:
-    """Return the remedy for a missing file."""
+def instead_of(path: Path, suffixes: Sequence[str], remedy: str = "check the path") -> str:
+    """Return the remedy for a missing file: the nearest name that ends in one of `suffixes`, or `remedy`."""
     try:
         if not path.parent.is_dir():
             return f": the folder {show(str(path.parent))} does not exist, {remedy}"
@@ -88,5 +88,9 @@ def _nearest(path: Path, suffixes: Sequence[str], remedy: str) -> str:
             names = [entry.name for entry in islice(entries, MOST_NEIGHBOURS)]
     except (OSError, ValueError):
         return f": {remedy}"
-    near = difflib.get_close_matches(path.name, [n for n in names if Path(n).suffix.lower() in suffixes], n=1)
-    return f' (did you mean "{path.with_name(near[0])}"?)' if near else f": {remedy}"
+    fitting = {name.casefold(): name for name in names if Path(name).suffix.lower() in suffixes}
+    # A name without its suffix, then one that is spelt alike
+    asked = path.name.casefold()
+    near = [asked + suffix for suffix in suffixes if asked + suffix in fitting]
+    near = near or difflib.get_close_matches(asked, fitting, n=1)
+    return f' (did you mean "{path.with_name(fitting[near[0]])}"?)' if near else f": {remedy}"

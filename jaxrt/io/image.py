@@ -13,7 +13,7 @@ from jaxrt.core.messages import SceneError, one_line
 from jaxrt.core.writing import write_whole
 from jaxrt.io import color
 from jaxrt.io.decode import Pixels, decode_exr, decode_png
-from jaxrt.io.files import PICTURE_BYTES, StrPath, read_bytes
+from jaxrt.io.files import PICTURE_BYTES, StrPath, instead_of, read_bytes
 
 logger = logging.getLogger(__name__)
 
@@ -47,10 +47,12 @@ def load_image(path: StrPath, srgb: bool = False) -> Pixels:
     Alpha is dropped. Raises ValueError for an unknown suffix, for what is broken or too large, FileNotFoundError for
     no file.
     """
-    suffix = check_suffix(path)
     path = Path(path)
+    if os.path.isdir(path):
+        raise ValueError(f"{path}: is a folder: name a picture in it")
+    suffix = check_suffix(path)
     if not os.path.lexists(path):
-        raise FileNotFoundError(f"{path}: no such file: check the path")
+        raise FileNotFoundError(f"{path}: no such file{instead_of(path, tuple(_WRITERS))}")
     data = read_bytes(path, tuple(_WRITERS), "a picture", limit=PICTURE_BYTES)
     try:
         if suffix == ".exr":

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from jaxrt.description import SceneDescription, SceneError, parse_description, show
+from jaxrt.examples import examples
 from jaxrt.io.files import SCENE_BYTES, StrPath, read_bytes
 from jaxrt.io.folders import Folders, folders_of, named_file
-from jaxrt.io.meshes import read_mesh
+from jaxrt.io.meshes import SUFFIXES, read_mesh
 
 DEEPEST = 64  # parts of a dotted key; what tomllib does with more grows with their square
 # Each part ends for good where it ends, so that the search looks at each character a bounded number of times
@@ -38,7 +39,13 @@ def read_description(path: StrPath, allow_folders: Folders = ()) -> SceneDescrip
 
 def read_text(path: Path) -> str:
     """Return the text of a scene file, or raise SceneError where TOML cannot be read from it."""
-    data = read_bytes(path, (".toml",), "a scene file", limit=SCENE_BYTES)
+    remedy = f"check the path, or write it: jaxrt example {path.stem}" if path.stem in examples() else "check the path"
+    data = read_bytes(path, (".toml",), "a scene file", remedy, SCENE_BYTES)
+    if path.suffix.lower() in (".png", ".exr"):
+        raise SceneError(f"{path}: is a picture, not a scene: name a scene file (.toml)")
+    if path.suffix.lower() in SUFFIXES:
+        key = f"[[meshes]] file = {show(path.name)}"
+        raise SceneError(f"{path}: is a mesh, not a scene: name it in a scene file (.toml), by {key}")
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         raise SceneError(f"{path}: UTF-16 text, and TOML is UTF-8: save it as UTF-8")
     try:

@@ -16,10 +16,11 @@ from jaxrt.chunks import accumulate
 from jaxrt.cli import start
 from jaxrt.cli.errors import UsageError
 from jaxrt.cli.job import begin, facts_of, samples_of, sums_beside
+from jaxrt.cli.places import check_file
 from jaxrt.cli.progress import compiling, progress
 from jaxrt.cli.saving import ELSEWHERE, save, save_picture
 from jaxrt.cli.signals import Interrupted, noted, status_of
-from jaxrt.cli.start import built, check_folder, check_output, described, warn
+from jaxrt.cli.start import built, check_output, described, warn
 from jaxrt.core.samplers import SAMPLERS
 from jaxrt.description import nearest, show
 from jaxrt.hands import painter
@@ -88,13 +89,14 @@ def run(args: argparse.Namespace) -> int:
 
 def _output(args: argparse.Namespace) -> Path:
     """Return where the result goes, having made sure that it can."""
-    output: Path = args.output or Path(f"{args.scene.stem or 'scene'}.png")
+    name = f"{args.scene.stem or 'scene'}.png"
+    output: Path = args.output or Path(name)
     if args.samples is None:
-        check_output(output)
+        check_output(output, name)
     elif args.output is None or output.suffix != SUFFIX:
         raise UsageError(f"argument --samples: writes sums, not a picture: name them with -o, such as -o a{SUFFIX}")
     else:
-        check_folder(output)
+        check_file(output)
     return output
 
 

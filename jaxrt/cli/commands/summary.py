@@ -1,5 +1,6 @@
 """What is in a scene, as tables for `jaxrt info`."""
 
+import sys
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -9,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from jaxrt.cli.streams import spelt
 from jaxrt.core.messages import one_line
 from jaxrt.description import SceneDescription, Solid
 from jaxrt.description.kinds import CAMERAS, LIGHTS, MATERIALS, Family
@@ -86,8 +88,8 @@ def _table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> T
 
 
 def _plain(text: str) -> str:
-    """Return text that is neither markup nor a command to the terminal, whoever chose the names in it."""
-    return escape(one_line(text))
+    """Return text that is neither markup nor a command to the terminal, whoever chose the names in it, as printed."""
+    return escape(spelt(one_line(text), sys.stdout.encoding or "utf-8"))
 
 
 def _numbers(values: Iterable[float]) -> str:

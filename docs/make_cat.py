@@ -1,6 +1,6 @@
 """Make scenes/cat.obj: a sitting cat, as the surface where a blend of round shapes is zero.
 
-Run `python scenes/make_cat.py` from the project's root. Units: the cat is 20 high, stands on y = 0 and looks to +z.
+Run `python docs/make_cat.py` from the project's root. Units: the cat is 20 high, stands on y = 0 and looks to +z.
 """
 
 from pathlib import Path
@@ -148,11 +148,11 @@ def save_obj(path: Path, vertices: Floats, faces: NDArray[np.int64]) -> None:
     """Write an OBJ file with three decimals."""
     rows = [f"v {x:.3f} {y:.3f} {z:.3f}\n" for x, y, z in (vertices + 0.0).tolist()]
     rows += [f"f {a} {b} {c}\n" for a, b, c in (faces + 1).tolist()]
-    path.write_text("# A sitting cat, made by scenes/make_cat.py\n" + "".join(rows))
+    path.write_text("# A sitting cat, made by docs/make_cat.py\n" + "".join(rows))
 
 
 if __name__ == "__main__":
-    target = Path(__file__).with_name("cat.obj")
+    target = Path("scenes/cat.obj")
     vertices, faces = make_cat()
     save_obj(target, vertices, faces)
     print(f"{target}: {len(vertices)} vertices, {len(faces)} faces, {target.stat().st_size / 1e6:.1f} MB")

@@ -1,0 +1,38 @@
+"""The scenes that come with jaxrt, which lie in this folder, and their meshes. Imports nothing large."""
+
+import tomllib
+from pathlib import Path
+
+from jaxrt.core.messages import SceneError, nearest, show
+
+FOLDER = Path(__file__).parent
+
+
+def examples() -> dict[str, Path]:
+    """Return the scene files by their names."""
+    return {path.stem: path for path in sorted(FOLDER.rglob("*.toml"), key=lambda path: path.stem)}
+
+
+def example_file(name: str) -> Path:
+    """Return the scene file of a name. Raises SceneError where there is none, with the nearest name."""
+    files = examples()
+    if name not in files:
+        raise SceneError(f"example {show(name)}: there is none of this name{nearest(name, files)}")
+    return files[name]
+
+
+def about(path: Path) -> str:
+    """Return the sentence that a scene file begins with."""
+    with path.open(encoding="utf-8") as file:
+        return file.readline().lstrip("#").strip()
+
+
+def copy_of(name: str) -> tuple[str, dict[str, bytes]]:
+    """Return the text of an example whose meshes lie beside it, and these meshes by their names there."""
+    path = example_file(name)
+    text, meshes = path.read_text(encoding="utf-8"), {}
+    for file in (mesh["file"] for mesh in tomllib.loads(text).get("meshes", []) if "file" in mesh):
+        beside = Path(file).name
+        meshes[beside] = (path.parent / file).read_bytes()
+        text = text.replace(f'"{file}"', f'"{beside}"')
+    return text, meshes
