@@ -17,7 +17,7 @@ import jaxrt
 from jaxrt import cli
 from jaxrt.cli.arguments import parser
 from jaxrt.cli.streams import PLAIN, spelt
-from jaxrt.examples import FOLDER, copy_of, examples
+from jaxrt.core.examples import copy_of, examples
 from jaxrt.io.image import save_image
 from jaxrt.io.partial import Partial
 from jaxrt.io.scene_file import read_description
@@ -134,7 +134,9 @@ def test_s6_an_example_is_a_scene_in_python_and_a_file_that_loads(capsys):
 
 
 def test_s6_examples_are_in_the_package_and_listed(capsys):
-    assert FOLDER.is_relative_to(Path(jaxrt.__file__).parent) and (ROOT / "scenes").resolve() == FOLDER
+    built = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
+    assert built["force-include"] == {"scenes": "jaxrt/scenes"}
+    assert set(examples().values()) == set((ROOT / "scenes").rglob("*.toml"))
     status, out, _ = run(capsys, "example")
     assert status == 0 and re.search(r"^room +The classic room: ", out, re.M)
     assert {line.split()[0] for line in out.split("\n\n")[0].splitlines()} == set(examples())

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 
-from jaxrt.examples import example_file
+from jaxrt.core.examples import example_file
 from jaxrt.io.files import StrPath
 from jaxrt.io.folders import Folders
 from jaxrt.io.image import load_image, save_image

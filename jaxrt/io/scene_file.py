@@ -6,8 +6,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+from jaxrt.core.examples import examples
 from jaxrt.description import SceneDescription, SceneError, parse_description, show
-from jaxrt.examples import examples
 from jaxrt.io.files import SCENE_BYTES, StrPath, read_bytes
 from jaxrt.io.folders import Folders, folders_of, named_file
 from jaxrt.io.meshes import SUFFIXES, read_mesh

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from jaxrt.cli.errors import UsageError, refusing
 from jaxrt.cli.places import check_file
+from jaxrt.core.examples import about, copy_of, examples
 from jaxrt.core.writing import write_whole
-from jaxrt.examples import about, copy_of, examples
 
 
 def run(args: argparse.Namespace) -> None:

@@ -1,16 +1,22 @@
-"""The scenes that come with jaxrt, which lie in this folder, and their meshes. Imports nothing large."""
+"""The scenes that come with jaxrt, and their meshes. Imports nothing large."""
 
 import tomllib
 from pathlib import Path
 
 from jaxrt.core.messages import SceneError, nearest, show
 
-FOLDER = Path(__file__).parent
+PACKAGE = Path(__file__).parents[1]
+
+
+def _folder() -> Path:
+    """Return where the scenes are: in the package once it is installed, beside it in a checkout."""
+    installed = PACKAGE / "scenes"
+    return installed if installed.is_dir() else PACKAGE.parent / "scenes"
 
 
 def examples() -> dict[str, Path]:
     """Return the scene files by their names."""
-    return {path.stem: path for path in sorted(FOLDER.rglob("*.toml"), key=lambda path: path.stem)}
+    return {path.stem: path for path in sorted(_folder().rglob("*.toml"), key=lambda path: path.stem)}
 
 
 def example_file(name: str) -> Path:
