@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from jaxrt.gradcheck import gradcheck
     from jaxrt.io import load_image, load_mesh, load_scene, save_image
     from jaxrt.kernels.jacobian import jacobian_once
+    from jaxrt.programs.keep import keep_programs
     from jaxrt.render import render, use_cpu_cores
     from jaxrt.scene import Scene, build
     from jaxrt.scene.parameters import parameters, with_parameters
@@ -21,6 +22,7 @@ __all__ = [
     "build",
     "gradcheck",
     "jacobian_once",
+    "keep_programs",
     "load_image",
     "load_mesh",
     "load_scene",
@@ -38,6 +40,7 @@ _HOMES = {
     "kernels.jacobian": ("jacobian_once",),
     "core.messages": ("SceneError", "SceneWarning"),
     "scene.parameters": ("parameters", "with_parameters"),
+    "programs.keep": ("keep_programs",),
     "render": ("render", "use_cpu_cores"),
     "scene": ("Scene", "build"),
 }

@@ -111,8 +111,9 @@ def apply_linear(pair: Pair, constants: Sequence[Array], x: Sequence[Array], dev
     """Return pair.forward(constants, x), whose derivative in x is itself and whose transpose is pair.transpose.
 
     Batches over x alone share the work that x does not enter; batches over constants run one after the other.
-    Derivatives in the constants are those of the forward function of the pair that pair.parted has for them. The functions are traced where they are compiled and
-    not before; devices: any program that runs on their devices, by which JAX finds them.
+    Derivatives in the constants are those of the forward functions that pair.parted has for them. The functions are
+    traced where they are compiled and not before; devices: any program that runs on their devices, by which JAX finds
+    them.
     """
     return _linear.bind(*constants, *x, pair=pair, n=len(constants), devices=devices)
 
