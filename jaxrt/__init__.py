@@ -1,6 +1,7 @@
 """jaxrt: a differentiable Monte-Carlo path tracer in JAX."""
 
 import importlib
+import importlib.metadata
 import sys
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -9,6 +10,7 @@ if TYPE_CHECKING:
     from jaxrt.core.messages import SceneError, SceneWarning
     from jaxrt.gradcheck import gradcheck
     from jaxrt.io import load_image, load_mesh, load_scene, save_image
+    from jaxrt.io.image import show, tonemap
     from jaxrt.kernels.jacobian import jacobian_once
     from jaxrt.programs.keep import keep_programs
     from jaxrt.render import render, use_cpu_cores
@@ -29,6 +31,8 @@ __all__ = [
     "parameters",
     "render",
     "save_image",
+    "show",
+    "tonemap",
     "use_cpu_cores",
     "with_parameters",
 ]
@@ -37,6 +41,7 @@ __all__ = [
 _HOMES = {
     "gradcheck": ("gradcheck",),
     "io": ("load_image", "load_mesh", "load_scene", "save_image"),
+    "io.image": ("show", "tonemap"),
     "kernels.jacobian": ("jacobian_once",),
     "core.messages": ("SceneError", "SceneWarning"),
     "scene.parameters": ("parameters", "with_parameters"),
@@ -47,6 +52,8 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return importlib.metadata.version("jaxrt")
     home = next((home for home, names in _HOMES.items() if name in names), None)
     if home is None:
         raise AttributeError(f"module 'jaxrt' has no attribute {name!r}")
@@ -56,7 +63,7 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return __all__
+    return [*__all__, "__version__"]
 
 
 class _Face(ModuleType):

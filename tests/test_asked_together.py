@@ -50,4 +50,4 @@ def test_s10_derivatives_are_those_of_the_sampled_picture_whatever_is_asked_besi
     slope = jax.grad(f)(start)
     for name, value in start.items():
         ends = [f(start | {name: (1 + step) * value}) for step in (0.01, -0.01)]
-        assert jnp.vdot(slope[name], value) == pytest.approx((ends[0] - ends[1]) / 0.02, rel=1e-3)
+        assert float(jnp.vdot(slope[name], value)) == pytest.approx(float(ends[0] - ends[1]) / 0.02, rel=2e-3)

@@ -1,8 +1,8 @@
 """Programs that say of themselves what the loader looks for.
 
 XLA compiles for CPUs with AVX-512 under two preferences, which it then counts among the instructions that a program
-needs. No CPU has them as instructions: so until jaxlib 0.12 each program that is loaded again prints a page of
-"features not supported". They are of no use once code is there, and are stored as not needed.
+needs. No CPU has them as instructions: so jaxlib 0.10 prints a page of "features not supported" for each program that
+it loads again, as if it could crash. They are of no use once code is there, and are stored as not needed.
 """
 
 import zlib
