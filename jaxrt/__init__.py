@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jaxrt.core.messages import SceneError, SceneWarning
+    from jaxrt.description.kinds import camera, light, material
     from jaxrt.gradcheck import gradcheck
     from jaxrt.io import load_image, load_mesh, load_scene, save_image
     from jaxrt.io.image import show, tonemap
@@ -22,12 +23,15 @@ __all__ = [
     "SceneError",
     "SceneWarning",
     "build",
+    "camera",
     "gradcheck",
     "jacobian_once",
     "keep_programs",
+    "light",
     "load_image",
     "load_mesh",
     "load_scene",
+    "material",
     "parameters",
     "render",
     "save_image",
@@ -44,6 +48,7 @@ _HOMES = {
     "io.image": ("show", "tonemap"),
     "kernels.jacobian": ("jacobian_once",),
     "core.messages": ("SceneError", "SceneWarning"),
+    "description.kinds": ("camera", "light", "material"),
     "scene.parameters": ("parameters", "with_parameters"),
     "programs.keep": ("keep_programs",),
     "render": ("render", "use_cpu_cores"),

@@ -10,7 +10,7 @@ FLOORS = [
     {"core"},
     {"kernels"},
     {"description"},
-    {"shapes", "materials", "lights", "cameras"},
+    {"shapes", "materials", "lights", "cameras", "kinds"},
     {"scene"},
     {"transport", "io"},
     {"boundary"},

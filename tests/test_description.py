@@ -6,7 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from jaxrt.description import Diffuse, Glass, Mirror, SceneDescription, SceneError, nearest, parse_description
+from jaxrt.description import SceneDescription, SceneError, nearest, parse_description
+from jaxrt.materials.diffuse import Diffuse
+from jaxrt.materials.mirror import Mirror
 from jaxrt.scene.checks import check_memory, warnings_of
 
 GOOD = {
@@ -52,8 +54,8 @@ def test_defaults_are_those_of_the_scene_format():
     assert (scene.render.spp, scene.render.max_depth) == (64, 5)
     assert scene.environment is None
     assert scene.lights[0].intensity == (3e3, 3e3, 3e3)
-    assert scene.materials["shiny"] == Mirror(albedo=(1.0, 1.0, 1.0))
-    assert isinstance(scene.materials["white"], Diffuse) and isinstance(scene.materials["glass"], Glass)
+    assert scene.materials["shiny"] == Mirror.Table(albedo=(1.0, 1.0, 1.0))
+    assert isinstance(scene.materials["white"], Diffuse.Table) and scene.materials["glass"].type == "glass"
 
 
 def test_a_scene_of_a_camera_alone_is_legal():

@@ -5,17 +5,26 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrt.materials import Diffuse, Glass, Materials, Mirror, scatter
-from jaxrt.materials.glass import sample_glass
-from jaxrt.materials.mirror import reflect
+from jaxrt.core.maths import reflect
+from jaxrt.core.records import SurfacePoint
+from jaxrt.materials import Materials, scatter
+from jaxrt.materials.diffuse import Diffuse
+from jaxrt.materials.glass import Glass, sample_glass
+from jaxrt.materials.mirror import Mirror
 
 N = 40_000
-ALL = Materials(
-    Diffuse(jnp.asarray([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])),
-    Mirror(jnp.asarray([[0.7, 0.8, 0.9]])),
-    Glass(jnp.asarray([1.5, 1.2])),
+ALL = Materials.of(
+    glass=Glass(jnp.asarray([1.5, 1.2])),
+    diffuse=Diffuse(jnp.asarray([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])),
+    mirror=Mirror(jnp.asarray([[0.7, 0.8, 0.9]])),
 )
-SCATTER = jax.jit(jax.vmap(scatter, (None, None, 0, 0, 0)))
+
+
+def scattered_at(materials, row, normal, wo, u):
+    return scatter(materials, SurfacePoint(jnp.zeros(3), normal, jnp.zeros(()), row), wo, u)
+
+
+SCATTER = jax.jit(jax.vmap(scattered_at, (None, None, 0, 0, 0)))
 
 
 def unit_vectors(seed):
@@ -115,12 +124,12 @@ def test_a_light_absorbs(scattered):
 @pytest.mark.parametrize("kind", ["diffuse", "mirror", "glass"])
 def test_kinds_alone(kind):
     """Rows start at 0 for whichever kind is there; without diffuse materials there is no albedo."""
-    alone = Materials(**{k: getattr(ALL, k) if k == kind else None for k in ("diffuse", "mirror", "glass")})
+    alone = Materials.of(**{k: getattr(ALL, k) if k == kind else None for k in ("diffuse", "mirror", "glass")})
     wo, normal, u = jnp.asarray([0.6, 0.0, 0.8]), jnp.asarray([0.0, 0.0, 1.0]), jnp.float32(0.9)
     first = {"diffuse": 0, "mirror": 2, "glass": 3}[kind]
     a, b = (
-        scatter(alone, jnp.int32(0), normal, wo, (u, u)),
-        scatter(ALL, jnp.int32(first), normal, wo, (u, u)),
+        scattered_at(alone, jnp.int32(0), normal, wo, (u, u)),
+        scattered_at(ALL, jnp.int32(first), normal, wo, (u, u)),
     )
     np.testing.assert_allclose(a.direction, b.direction, atol=1e-6)
     np.testing.assert_allclose(a.weight, b.weight, rtol=1e-6)

@@ -105,7 +105,7 @@ def test_albedos_reach_their_materials(scene):
     changed = jaxrt.with_parameters(scene, {"materials.albedo": new})
     np.testing.assert_array_equal(changed.materials.mirror.albedo, new[[0]])
     np.testing.assert_array_equal(changed.materials.diffuse.albedo, new[[1, 3]])
-    np.testing.assert_array_equal(changed.idle.albedo, new[[2]])
+    np.testing.assert_array_equal(changed.idle["albedo"], new[[2]])
 
 
 def test_plain_numbers_and_lists_are_accepted(scene):

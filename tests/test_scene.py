@@ -50,7 +50,7 @@ def test_materials_are_grouped_by_kind_and_objects_follow():
     # silver, red, crown, gold, blue, flint
     np.testing.assert_array_equal(scene.spheres.material, [2, 0, 4, 3, 1, 5])
     np.testing.assert_array_equal(scene.triangles.material, [1, 4])
-    np.testing.assert_array_equal(scene.albedo_order, [2, 0, 3, 1])
+    np.testing.assert_array_equal(scene.order["albedo"], [2, 0, 3, 1])
 
 
 def test_fields_of_a_scene():
@@ -69,7 +69,7 @@ def test_what_is_absent_is_none():
     with pytest.warns(jaxrt.SceneWarning, match="no light"):
         scene = jaxrt.build({"camera": {"position": [0, 0, 0]}})
     assert scene.spheres is scene.triangles is scene.lights is scene.environment is None
-    assert scene.materials.counts == (0, 0, 0)
+    assert scene.materials.counts == () and scene.materials.mirror is None
     points = MIXED | {"lights": [{"position": [0, 5, 0], "intensity": 2}], "spheres": [], "triangles": []}
     assert jaxrt.build(points).lights.radius is None
     assert jaxrt.build(points | {"environment": {"radiance": [1, 2, 3]}}).environment.shape == (3,)

@@ -29,7 +29,7 @@ from jaxrt.core.sampling import (
 )
 from jaxrt.kernels.native import once
 from jaxrt.lights import LightTable
-from jaxrt.materials import scatter
+from jaxrt.materials import Scattering, evaluate, scatter
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, leave, occluded, surface_point
 from jaxrt.transport.path import Tables, tables_of
@@ -99,7 +99,7 @@ def shadow_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ..
     spheres = tables.occluders.spheres
     edges = None if scene.triangles is None else edge_table(scene.triangles)
     outlines = Silhouettes(spheres, edges)
-    if tables.lights is None or outlines.rows == 0 or tables.materials.diffuse is None:
+    if tables.lights is None or outlines.rows == 0 or not tables.materials.are_lit:
         return ()
     bins = bins_for(outlines.rows)
     faces = scene.triangles.faces if scene.triangles is not None and plan.geometry_moves else None
@@ -217,20 +217,34 @@ def _vertex(tables: Tables, draw: Draw, carrier: Carrier, k: Array) -> tuple[Car
     arrived = hit.valid & (travelled > carrier.least)
     wo = -carrier.ray.direction
     _, _, *u = (x.astype(wo.dtype) for x in independent(draw.stream, k + 1))
-    scattering = once(scatter)(tables.materials, point.material, point.shading, wo, (u[0], u[1]))
-    assert scattering.albedo is not None
+    scattering = once(scatter)(tables.materials, point, wo, (u[0], u[1]))
     arriving = carrier.flux * _tilt(point, wo)
     # Show it to the camera
     view, share = once(_connect)(tables, point, face_forward(point.shading, wo))
-    shown = arrived & scattering.diffuse & (share > 0)
-    weight = jnp.where(shown, arriving * scattering.albedo * (share / jnp.pi), 0)
+    shown = arrived & scattering.lit & (share > 0)
+    weight = jnp.where(shown, _toward_camera(tables, point, wo, scattering, arriving, share), 0)
     pixel = jnp.where(shown, view.pixel, tables.camera.width * tables.camera.height)
-    # Only diffuse surfaces receive light from light samples
-    passes = arrived & (scattering.diffuse | (k > 0))
+    # Only these surfaces receive light from light samples
+    passes = arrived & (scattering.lit | (k > 0))
     leaving = safe_divide(jnp.ones_like(arriving), _tilt(point, scattering.direction) * jnp.ones_like(arriving))
-    flux = jnp.where(passes, jnp.where(scattering.diffuse, arriving * leaving, carrier.flux) * scattering.weight, 0)
+    flux = jnp.where(passes, jnp.where(scattering.lit, arriving * leaving, carrier.flux) * scattering.weight, 0)
     ray = once(leave)(point, scattering.direction)
     return Carrier(ray, ray, jnp.zeros_like(carrier.least), flux), Vertex(point, hit.index, view, pixel, weight)
+
+
+def _toward_camera(
+    tables: Tables, point: SurfacePoint, wo: Array, scattering: Scattering, arriving: Array, share: Array
+) -> Array:
+    """Return the light (3,) that a surface sends to the camera of what arrives from `wo`."""
+    sent = jnp.zeros_like(arriving)
+    if scattering.albedo is not None:
+        sent = arriving * scattering.albedo * (share / jnp.pi)
+    if scattering.glossy is None:
+        return sent
+    eye = normalize(tables.camera.position - point.position)
+    value = once(evaluate)(tables.materials, point, eye, wo)[0]
+    cosine = jnp.abs(dot(point.shading, wo)) * jnp.ones_like(value)
+    return jnp.where(scattering.glossy, arriving * safe_divide(value, cosine) * share, sent)
 
 
 def _tilt(point: SurfacePoint, direction: Array) -> Array:

@@ -101,3 +101,8 @@ def rounded(parts: Parts) -> Array:
 def face_forward(normal: Array, wo: Array) -> Array:
     """Return the normal, turned to the side that `wo` points to."""
     return jnp.where(dot(normal, wo) < 0, -normal, normal)
+
+
+def reflect(wo: Array, normal: Array) -> Array:
+    """Return the mirror direction of `wo`, both pointing away from the surface; either sign of the normal."""
+    return 2 * dot(wo, normal) * normal - wo

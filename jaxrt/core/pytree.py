@@ -1,6 +1,7 @@
 """The one record mechanism: frozen dataclasses that JAX sees as pytrees."""
 
 import dataclasses
+from functools import cache
 from typing import Any, TypeVar, cast, dataclass_transform
 
 import jax
@@ -24,3 +25,10 @@ def pytree(cls: type[T]) -> type[T]:
     meta = [f.name for f in fields if f.metadata.get("static")]
     data = [f.name for f in fields if not f.metadata.get("static")]
     return jax.tree_util.register_dataclass(record, data_fields=data, meta_fields=meta)
+
+
+@cache
+def with_fields(base: type[T], names: tuple[str, ...]) -> type[T]:
+    """Return a pytree class derived from `base`, with these fields: one class for the same arguments."""
+    made = type(base.__name__, (base,), {"__annotations__": dict.fromkeys(names, Any), "__module__": base.__module__})
+    return pytree(made)

@@ -2,6 +2,7 @@
 
 from jax import Array
 
+from jaxrt.core.maths import face_forward
 from jaxrt.core.pytree import pytree
 
 
@@ -44,6 +45,10 @@ class SurfacePoint:
     def shading(self) -> Array:
         """Unit normal (3,) by which light is scattered."""
         return self.normal if self.smooth is None else self.smooth.normal
+
+    def facing(self, wo: Array) -> Array:
+        """Return the normal (3,) by which light is scattered, on the side that `wo` points to."""
+        return face_forward(self.shading, wo)
 
 
 @pytree

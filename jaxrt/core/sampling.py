@@ -49,7 +49,7 @@ def frame(n: Array) -> tuple[Array, Array]:
     return t, jnp.stack([xy, sign + y * y * a, -y])
 
 
-def _about(axis: Array, sin: Array, cos: Array, turn: Array) -> Array:
+def around(axis: Array, sin: Array, cos: Array, turn: Array) -> Array:
     """Return the unit direction at the angle of (sin, cos) from `axis`, `turn` of a circle about it."""
     t, b = frame(axis)
     cos_turn, sin_turn = sincos_2pi(turn)
@@ -61,7 +61,7 @@ def sample_cosine_hemisphere(n: Array, u: Pair) -> Array:
 
     With a diffuse lobe albedo/π the weight f·cosθ/pdf is the albedo; as a quotient it is 0/0 at cosθ = 0.
     """
-    return _about(n, safe_sqrt(1 - u[1]), safe_sqrt(u[1]), u[0])
+    return around(n, safe_sqrt(1 - u[1]), safe_sqrt(u[1]), u[0])
 
 
 def pdf_cosine_hemisphere(cos: Array) -> Array:
@@ -94,7 +94,7 @@ def cone_of_sphere(s_squared: Array) -> Array:
 def sample_cone(axis: Array, one_minus_cos_max: Array, u: Pair) -> Array:
     """Return a unit direction in the cone about a unit axis, all equally likely."""
     x = one_minus_cos_max * u[1]
-    return _about(axis, safe_sqrt(x * (2 - x)), 1 - x, u[0])
+    return around(axis, safe_sqrt(x * (2 - x)), 1 - x, u[0])
 
 
 def pdf_cone(one_minus_cos_max: Array) -> Array:
@@ -108,7 +108,7 @@ def sample_visible_cap(axis: Array, s: Array, u: Pair) -> Array:
     axis: unit, from the centre to the eye; s = radius/distance in [0, 1]; the cap is axis·normal >= s.
     """
     sin2 = (1 - s * s) * (1 - u[1])
-    return _about(axis, safe_sqrt(sin2), safe_sqrt(1 - sin2), u[0])
+    return around(axis, safe_sqrt(sin2), safe_sqrt(1 - sin2), u[0])
 
 
 def pdf_visible_cap(cos: Array, s: Array) -> Array:

@@ -3,13 +3,14 @@
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import (
     BaseModel,
     BeforeValidator,
     Field,
+    PlainValidator,
     ValidationError,
     ValidationInfo,
     field_validator,
@@ -17,20 +18,18 @@ from pydantic import (
 )
 
 from jaxrt.core.messages import SceneError, SceneWarning, nearest, show
+from jaxrt.description.kinds import MATERIALS
 from jaxrt.description.mesh import MeshDescription
 from jaxrt.description.mesh_facts import COLLINEAR
 from jaxrt.description.values import (
     BRIGHTEST,
     BRIGHTEST_SURFACE,
-    EXAMPLES,
     FLOAT32_TINY,
     PARALLEL,
     SHORTEST,
     TOO_BRIGHT,
-    Albedo,
     Count,
     Fov,
-    Ior,
     LightRadius,
     Name,
     Radius,
@@ -46,13 +45,10 @@ from jaxrt.description.values import (
 
 __all__ = [
     "CameraDescription",
-    "Diffuse",
     "EnvironmentDescription",
-    "Glass",
     "LightDescription",
     "MaterialDescription",
     "MeshDescription",
-    "Mirror",
     "RenderDefaults",
     "SceneDescription",
     "SceneError",
@@ -108,29 +104,7 @@ class EnvironmentDescription(Table):
     radiance: Rgb
 
 
-class Diffuse(Table):
-    """A Lambertian surface."""
-
-    type: Literal["diffuse"] = "diffuse"
-    albedo: Albedo
-
-
-class Mirror(Table):
-    """A perfect mirror."""
-
-    type: Literal["mirror"] = "mirror"
-    albedo: Albedo = (1.0, 1.0, 1.0)
-
-
-class Glass(Table):
-    """A smooth dielectric; `ior` is inside over outside."""
-
-    type: Literal["glass"] = "glass"
-    ior: Ior
-
-
-MATERIALS = ("diffuse", "mirror", "glass")
-MaterialDescription = Annotated[Diffuse | Mirror | Glass, Field(discriminator="type")]
+MaterialDescription = Annotated[Table, PlainValidator(MATERIALS.validate)]  # of the kind that its type names
 
 
 class SphereDescription(Table):
@@ -198,12 +172,7 @@ def _check_types(value: Any) -> Any:
             continue
         if not isinstance(material, Mapping):
             raise complaint(f"{show(material)} is not a table: write [materials.{name}]", str(name))
-        if "type" not in material:
-            raise complaint(f'"type" is missing: add {EXAMPLES["type"]}', str(name))
-        if material["type"] not in MATERIALS:
-            kind = material["type"]
-            hint = nearest(kind if isinstance(kind, str) else show(kind), MATERIALS)
-            raise complaint(f"unknown material type {show(kind)}{hint}", str(name), "type")
+        MATERIALS.check_type(material, str(name))
     return value
 
 
@@ -297,10 +266,6 @@ def parse_description(mapping: Mapping[str, Any], source: str = "scene") -> Scen
     except RecursionError:
         raise SceneError(f"{source}: nested too deeply: flatten it") from None
     context = first.get("ctx", {})
-    location = tuple(first["loc"])
-    # Drop the material's type, which pydantic puts between its name and its key
-    if location[:1] == ("materials",):
-        location = location[:2] + location[3:]
-    place = _place(location + tuple(context.get("place", ())))
+    place = _place((*first["loc"], *context.get("place", ())))
     text = context.get("text") or f"{show(first['input'])}: {first['msg']}"
     raise SceneError(": ".join(filter(None, (source, place, text))))

@@ -1,11 +1,13 @@
 """The numbers, names and tables that descriptions are made of, and how they are refused."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationInfo, model_validator
+from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from jaxrt.core.messages import nearest, show
@@ -29,9 +31,6 @@ EXAMPLES = {
     "vertices": "vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]",
     "intensity": "intensity = 3000",
     "radiance": "radiance = [1, 1, 1]",
-    "albedo": "albedo = [0.8, 0.8, 0.8]",
-    "ior": "ior = 1.5",
-    "type": 'type = "diffuse", "mirror" or "glass"',
 }
 
 
@@ -138,6 +137,33 @@ Albedo = Annotated[tuple[Reflectance, Reflectance, Reflectance], BeforeValidator
 Rgb = Annotated[tuple[Power, Power, Power], BeforeValidator(three)]
 
 
+@dataclass(frozen=True)
+class Measure:
+    """What a field of a kind measures; it stands among a type's annotations."""
+
+    range: str  # "fraction", "positive", "place", "angle" or "free": how `fit` bounds it; "fixed": it is no parameter
+    axes: str  # "rgb", "xyz", or "" for a single number
+    example: str  # as in a scene file
+    tints: bool = False  # scales light and turns none: which paths are drawn does not depend on it
+    step: float | None = None  # of finite differences, where 2 % of the value is not the right one
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of one value."""
+        return (len(self.axes),) if self.axes else ()
+
+
+def measure_of(metadata: Sequence[Any]) -> Measure | None:
+    """Return the measure among a type's annotations, the outermost of several."""
+    return next((each for each in reversed(metadata) if isinstance(each, Measure)), None)
+
+
+def _example(name: str, field: FieldInfo) -> str:
+    """Return how a key that is missing would stand in a scene file."""
+    measure = measure_of(field.metadata)
+    return f"{name} = {measure.example}" if measure and name not in EXAMPLES else EXAMPLES[name]
+
+
 class Table(BaseModel):
     """A table of the scene file: known keys only, each required one present."""
 
@@ -157,5 +183,5 @@ class Table(BaseModel):
                 )
         for name, field in cls.model_fields.items():
             if field.is_required() and name not in value:
-                raise complaint(f"{show(name)} is missing: add {EXAMPLES[name]}")
+                raise complaint(f"{show(name)} is missing: add {_example(name, field)}")
         return dict(value)

@@ -16,20 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from jaxrt.description import SceneError
 from jaxrt.scene import Scene
+from jaxrt.scene.measures import measure
 from jaxrt.scene.parameters import parameters, with_parameters
 from jaxrt.scene.selectors import Selector
 
 Floats = NDArray[np.float64]
 
-KINDS = {
-    "materials.albedo": "fraction",
-    "camera.fov": "angle",
-    "materials.ior": "positive",
-    "lights.intensity": "positive",
-    "lights.radius": "positive",
-    "spheres.radius": "positive",
-    "environment.radiance": "positive",
-}
 EDGE = 0.02  # starts are kept this far inside the bounds, where the derivative is not yet lost
 HALF_TURN = 180.0  # degrees, the bound of a field of view
 
@@ -39,7 +31,7 @@ class Unknown(NamedTuple):
 
     selector: Selector
     text: str  # as the user wrote it
-    kind: str  # "place", "fraction", "positive" or "angle"
+    kind: str  # "place", "fraction", "positive", "angle" or "free"
     first: int
     shape: tuple[int, ...]
 
@@ -57,8 +49,7 @@ class Unknown(NamedTuple):
         """Return the name of each component."""
         if not self.shape:
             return [self.text]
-        axes = "rgb" if self.text.split("[")[0] in KINDS else "xyz"
-        return [f"{self.text}.{axis}" for axis in axes]
+        return [f"{self.text}.{axis}" for axis in measure(self.selector.name).axes]
 
 
 class Unknowns(NamedTuple):
@@ -103,7 +94,7 @@ class Unknowns(NamedTuple):
         for row in self.rows:
             value = np.asarray(bounded(row.kind, jnp.asarray(vector)[row.span], self.length), float)
             slope = {"fraction": value * (1 - value), "positive": value, "place": np.full_like(value, self.length)}
-            slope["angle"] = value * (1 - value / HALF_TURN)
+            slope |= {"angle": value * (1 - value / HALF_TURN), "free": np.ones_like(value)}
             parts.append(slope[row.kind])
         return np.concatenate(parts)
 
@@ -114,6 +105,8 @@ def bounded(kind: str, u: Array, length: float) -> Array:
         return jax.nn.sigmoid(u)
     if kind == "angle":
         return HALF_TURN * jax.nn.sigmoid(u)
+    if kind == "free":
+        return u
     return jnp.exp(u) if kind == "positive" else length * u
 
 
@@ -126,7 +119,7 @@ def _free(row: Unknown, value: Floats, length: float) -> Floats:
     if row.kind == "positive":
         largest = value.max() if value.max() > 0 else 1.0
         return np.log(np.maximum(value, EDGE * largest))
-    return value / length
+    return value if row.kind == "free" else value / length
 
 
 def unknowns_of(scene: Scene, selectors: Mapping[str, Selector]) -> Unknowns:
@@ -138,7 +131,7 @@ def unknowns_of(scene: Scene, selectors: Mapping[str, Selector]) -> Unknowns:
             raise SceneError(f"{text}: is named twice: name it once")
         seen.add(selector)
         shape = selector.pick(values[selector.name]).shape
-        row = Unknown(selector, text, KINDS.get(selector.name, "place"), first, shape)
+        row = Unknown(selector, text, measure(selector.name).range, first, shape)
         rows.append(row)
         first += row.size
     return Unknowns(tuple(rows), scene_length(scene))

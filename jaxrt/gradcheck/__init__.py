@@ -19,6 +19,7 @@ from jaxrt.gradcheck.report import Component, Group, Report, compare
 from jaxrt.gradcheck.steps import default_step
 from jaxrt.render import prepare, render
 from jaxrt.scene import Scene, check_scene
+from jaxrt.scene.measures import measure
 from jaxrt.scene.parameters import parameters, with_parameters
 from jaxrt.scene.selectors import Selector, select
 
@@ -97,7 +98,7 @@ def _labels(selector: Selector, scene: Scene, component: int | None) -> list[tup
         if component is not None:
             raise SceneError(f"{selector}: is a single number: leave out component {component}")
         return [(str(selector), None)]
-    axes = "rgb" if selector.name.split(".")[1] in {"albedo", "intensity", "radiance"} else "xyz"
+    axes = measure(selector.name).axes
     if component is not None and not 0 <= component < 3:
         raise SceneError(f"{selector}: no component {component}: use 0, 1 or 2")
     return [(f"{selector} {axes[i]}", i) for i in range(3) if component in (None, i)]

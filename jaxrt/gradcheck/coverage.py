@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxrt.gradcheck.surfaces import movers_of, nothing_faces_another, some_cross, surfaces_of
 from jaxrt.scene import Scene
+from jaxrt.scene.measures import measure
 
 _MOVES_EDGES = ("spheres", "meshes", "camera")
 
@@ -31,16 +32,24 @@ def coverage(scene: Scene, name: str, max_depth: int, boundary_samples: int, row
     shapes_move = name.split(".")[0] in _MOVES_EDGES
     known = _known_edges(scene, light_moves, shapes_move, max_depth)
     missing = _unknown_edges(scene, name, row, max_depth) if light_moves or shapes_move else []
-    if name == "materials.ior" and scene.materials.glass is not None:
-        missing.append(REFRACTED)
+    missing += _bent_edges(scene, name)
     if boundary_samples:
         return Coverage(bool(known), ("interior", *known), tuple(missing))
     return Coverage(False, ("interior",), (*(f"{edge} (boundary_samples is 0)" for edge in known), *missing))
 
 
+def _bent_edges(scene: Scene, name: str) -> list[str]:
+    """Return what derivatives lack with respect to what turns light that goes on in single directions."""
+    owner, field = name.split(".")
+    if owner != "materials" or measure(name).tints:
+        return []
+    bending = [kind for kind in scene.materials.kinds if kind.is_delta and field in kind.kind.parameters]
+    return list(dict.fromkeys(REFRACTED if kind.transmits else SPECULAR for kind in bending))
+
+
 def _known_edges(scene: Scene, light_moves: bool, shapes_move: bool, max_depth: int) -> list[str]:
     outlines = scene.spheres is not None or scene.triangles is not None
-    diffuse = scene.materials.diffuse is not None
+    diffuse = scene.materials.are_lit
     sphere_lights = scene.lights is not None and scene.lights.radius is not None
     edges = []
     if (light_moves or shapes_move) and scene.lights is not None and outlines and diffuse:
@@ -61,11 +70,11 @@ def _unknown_edges(scene: Scene, name: str, row: int | None, max_depth: int) -> 
     sphere_lights = scene.lights is not None and scene.lights.radius is not None
     sky = scene.environment is not None and bool(np.any(np.asarray(scene.environment) > 0))
     faced = not nothing_faces_another(surfaces, np.asarray(scene.camera.position, float))
-    bounces = faced and scene.materials.diffuse is not None
+    bounces = faced and scene.materials.are_lit
     edges = []
     if some_cross(surfaces, movers):
         edges.append(CROSSING)
-    specular = scene.materials.glass is not None or (faced and scene.materials.mirror is not None)
+    specular = any(kind.is_delta and (faced or kind.transmits) for kind in scene.materials.kinds)
     # What follows the last event shows lights and the sky alone
     if specular and (max_depth > 1 or sphere_lights or (sky and not light_moves)):
         edges.append(SPECULAR)

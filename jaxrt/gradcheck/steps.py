@@ -9,6 +9,7 @@ from jaxrt.description import SceneError
 from jaxrt.description.box_tree import Floats
 from jaxrt.gradcheck.surfaces import Surfaces, gaps, surfaces_of
 from jaxrt.scene import Scene
+from jaxrt.scene.measures import measure
 from jaxrt.scene.parameters import parameters
 from jaxrt.scene.selectors import Selector
 
@@ -17,18 +18,19 @@ OF_RADIUS = 0.02  # step of a radius, as a share of it
 OF_LENGTH = 0.05  # step of places, as a share of what moves, and of the way to where it touches something
 LEAST = 2e-5  # step, as a share of what the camera looks over: rounding is then below 1 %
 TOUCHES = 1e-3  # of the same: what is nearer touches, and no step is small enough
-STEPS = {"materials.albedo": 0.02, "materials.ior": 0.02}
-FRACTIONS = {"lights.intensity": 0.02, "environment.radiance": 0.02, "camera.fov": 0.01}
+OF_FRACTION = 0.02  # step of what is between 0 and 1
+OF_VALUE = {"positive": 0.02, "free": 0.02, "angle": 0.01}  # step of others, as a share of the row's largest number
 
 
 def default_step(scene: Scene, selector: Selector, value: float) -> float:
     """Return a step for central differences of a number of that value. Raises SceneError for a radius of 0."""
     name = selector.name
-    if name in STEPS:
-        return STEPS[name]
-    if name in FRACTIONS:
+    known = measure(name)
+    if known.step is not None or known.range == "fraction":
+        return known.step or OF_FRACTION
+    if known.range != "place" and not name.endswith(".radius"):
         largest = float(jnp.max(jnp.abs(selector.pick(parameters(scene)[name]))))
-        return FRACTIONS[name] * (largest or 1.0)
+        return OF_VALUE[known.range] * (largest or 1.0)
     reach = _reach(scene)
     steps = [SHARE * reach, *(OF_LENGTH * length for length in _lengths(scene, selector, reach))]
     if name.endswith(".radius"):

@@ -1,38 +1,79 @@
 """All materials of a scene behind `scatter`.
 
-Materials are numbered by kind: diffuse, then mirror, then glass; numbers past the last are sphere lights. A kind that
-the scene lacks is None, and its code is then not there.
+Kinds are numbered in three groups: those that reflect as albedo/π, those that reflect or refract in single directions,
+and those that light is sent to and scattered by alike, here called glossy. Rows past the last are sphere lights. Of a
+kind or a group that the scene lacks, no code is there.
 """
 
+from dataclasses import fields, replace
+from itertools import accumulate
+from typing import Any
+
+import jax
 import jax.numpy as jnp
-from jax import Array
+from jax import Array, lax
 
-from jaxrt.core.maths import dot
-from jaxrt.core.pytree import pytree
+from jaxrt.core.maths import safe_divide
+from jaxrt.core.pytree import pytree, with_fields
+from jaxrt.core.records import SurfacePoint
+from jaxrt.description.kinds import MATERIALS
 from jaxrt.kernels.gather import take
-from jaxrt.materials.diffuse import Diffuse, sample_diffuse
-from jaxrt.materials.glass import Glass, sample_glass
-from jaxrt.materials.mirror import Mirror, sample_mirror
 
-__all__ = ["Diffuse", "Glass", "Materials", "Mirror", "Scattering", "scatter"]
+__all__ = ["Materials", "Scattering", "evaluate", "scatter"]
+
+MATERIALS.load("diffuse", "mirror", "glass")  # one file each, numbered in this order
 
 
-@pytree
 class Materials:
-    """The materials of a scene by kind."""
+    """The materials of a scene: a pytree of the kinds that it has, by name; those that it lacks are None."""
 
-    diffuse: Diffuse | None
-    mirror: Mirror | None
-    glass: Glass | None
+    @staticmethod
+    def of(**kinds: Any) -> "Materials":
+        """Return the record of stacked kinds by name, in the order of their rows."""
+        names = sorted((name for name in MATERIALS.kinds if kinds.get(name) is not None), key=_group)
+        return with_fields(Materials, tuple(names))(*(kinds[name] for name in names))
+
+    def __getattr__(self, name: str) -> Any:
+        if name in MATERIALS.kinds:
+            return None
+        raise AttributeError(f"no material type is called {name!r}")
 
     @property
-    def counts(self) -> tuple[int, int, int]:
-        """Number of diffuse, mirror and glass materials."""
-        return (
-            0 if self.diffuse is None else self.diffuse.albedo.shape[0],
-            0 if self.mirror is None else self.mirror.albedo.shape[0],
-            0 if self.glass is None else self.glass.ior.shape[0],
-        )
+    def kinds(self) -> tuple[Any, ...]:
+        """The kinds that are there, in the order of their rows."""
+        return tuple(getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Number of materials of each kind."""
+        return tuple(jax.tree.leaves(kind)[0].shape[0] for kind in self.kinds)
+
+    @property
+    def ends(self) -> tuple[int, int, int]:
+        """Rows where the lambertian ones end, where those of single directions do, and where all do."""
+        pairs = list(zip(self.kinds, self.counts, strict=True))
+        lambertian = sum(n for kind, n in pairs if kind.is_lambertian)
+        return lambertian, lambertian + sum(n for kind, n in pairs if kind.is_delta), sum(self.counts)
+
+    @property
+    def are_delta(self) -> bool:
+        """Whether any reflects or refracts in single directions."""
+        return any(kind.is_delta for kind in self.kinds)
+
+    @property
+    def are_lit(self) -> bool:
+        """Whether any is lit by light samples."""
+        return any(not kind.is_delta for kind in self.kinds)
+
+    @property
+    def are_glossy(self) -> bool:
+        """Whether any is neither lambertian nor of single directions."""
+        return any(not (kind.is_delta or kind.is_lambertian) for kind in self.kinds)
+
+
+def _group(name: str) -> int:
+    cls: Any = MATERIALS.kinds[name].cls
+    return 0 if cls.is_lambertian else 1 if cls.is_delta else 2
 
 
 @pytree
@@ -42,32 +83,74 @@ class Scattering:
     direction: Array  # (3,) unit
     weight: Array  # (3,) f cosθ / pdf of the direction
     albedo: Array | None  # (3,) of the diffuse reflection, 0 at other surfaces; None in scenes without any
-    diffuse: Array  # () bool
-    specular: Array  # () bool, mirror or glass
+    diffuse: Array  # () bool, lambertian
+    specular: Array  # () bool, of single directions
+    glossy: Array | None = None  # () bool; None in scenes without any
+    pdf: Array | None = None  # () density of the direction at a glossy surface, 0 at others; no derivative
+
+    @property
+    def lit(self) -> Array:
+        """Whether light samples light the surface."""
+        return self.diffuse if self.glossy is None else self.diffuse | self.glossy
 
 
-def scatter(materials: Materials, row: Array, normal: Array, wo: Array, u: tuple[Array, Array]) -> Scattering:
-    """Return the scattering at a surface of material `row`; all weights are 0 at a sphere light, which absorbs.
+def scatter(materials: Materials, surface: SurfacePoint, wo: Array, u: tuple[Array, Array]) -> Scattering:
+    """Return the scattering at a surface; all weights are 0 at a sphere light, which absorbs.
 
-    normal: (3,) outward unit normal. wo: (3,) unit direction to where the path came from.
+    wo: (3,) unit direction to where the path came from. Derivatives of a glossy kind's own parameters hold direction
+    and density fixed, and are those of f; those of the surface move the direction with its normal.
     """
-    a, b, c = materials.counts
-    direction, weight, albedo = normal, jnp.zeros_like(normal), None
-    facing = jnp.where(dot(wo, normal) < 0, -normal, normal)
-    if materials.diffuse is not None:
-        albedo = jnp.where(row < a, take(materials.diffuse.albedo, jnp.clip(row, 0, a - 1)), 0)
-        direction, weight = sample_diffuse(albedo, facing, u)
-    if materials.mirror is not None:
-        tint = take(materials.mirror.albedo, jnp.clip(row - a, 0, b - 1))
-        is_mirror = (row >= a) & (row < a + b)
-        direction, weight = _select(is_mirror, sample_mirror(tint, wo, normal), (direction, weight))
-    if materials.glass is not None:
-        ior = take(materials.glass.ior, jnp.clip(row - a - b, 0, c - 1))
-        is_glass = (row >= a + b) & (row < a + b + c)
-        refracted, share = sample_glass(ior, wo, normal, u[0])
-        direction, weight = _select(is_glass, (refracted, share * jnp.ones_like(normal)), (direction, weight))
-    return Scattering(direction, weight, albedo, row < a, (row >= a) & (row < a + b + c))
+    row, normal, first = surface.material, surface.shading, 0
+    direction, weight, albedo, pdf = normal, jnp.zeros_like(normal), None, None
+    for kind, end in zip(materials.kinds, accumulate(materials.counts), strict=True):
+        one, here = _row(kind, row, first, end), _within(row, first, end)
+        if kind.is_lambertian:
+            own = jnp.where(here, one.albedo, 0)
+            albedo = own if albedo is None else albedo + own
+            one = replace(one, albedo=own)
+        if kind.is_delta or kind.is_lambertian:
+            drawn = one.sample(surface, wo, u)
+        else:
+            *drawn, density = _sample_glossy(one, surface, wo, u)
+            pdf = jnp.where(here, density, 0 if pdf is None else pdf)
+        direction, weight = drawn if kind.is_lambertian and first == 0 else _select(here, drawn, (direction, weight))
+        first = end
+    lambertian, delta, last = materials.ends
+    glossy = None if pdf is None else (row >= delta) & (row < last)
+    return Scattering(direction, weight, albedo, row < lambertian, (row >= lambertian) & (row < delta), glossy, pdf)
 
 
-def _select(use: Array, first: tuple[Array, Array], second: tuple[Array, Array]) -> tuple[Array, Array]:
+def _sample_glossy(one: Any, surface: SurfacePoint, wo: Array, u: tuple[Array, Array]) -> tuple[Array, Array, Array]:
+    """Return direction, weight and density of the direction at a surface of one glossy material."""
+    direction, weight = lax.stop_gradient(one).sample(surface, wo, u)
+    value, pdf = one.evaluate(*lax.stop_gradient((surface, wo, direction)))
+    pdf = lax.stop_gradient(pdf)
+    # 0, with the derivative of f cosθ / pdf in the material alone
+    change = safe_divide(value - lax.stop_gradient(value), pdf * jnp.ones_like(value))
+    return direction, weight + change, pdf
+
+
+def evaluate(materials: Materials, surface: SurfacePoint, wo: Array, wi: Array) -> tuple[Array, Array]:
+    """Return (f cosθ (3,), pdf ()) of a direction at a glossy surface; 0 at others. The pdf has no derivative."""
+    value, pdf, first = jnp.zeros_like(wo), jnp.zeros_like(wo[0]), 0
+    for kind, end in zip(materials.kinds, accumulate(materials.counts), strict=True):
+        if not (kind.is_delta or kind.is_lambertian):
+            here = _within(surface.material, first, end)
+            found = _row(kind, surface.material, first, end).evaluate(surface, wo, wi)
+            value, pdf = jnp.where(here, found[0], value), jnp.where(here, lax.stop_gradient(found[1]), pdf)
+        first = end
+    return value, pdf
+
+
+def _row(kind: Any, row: Array, first: int, end: int) -> Any:
+    """Return the kind's one material of that row, or any of its own where the row is of another kind."""
+    i = jnp.clip(row - first if first else row, 0, end - first - 1)
+    return jax.tree.map(lambda leaf: take(leaf, i), kind)
+
+
+def _within(row: Array, first: int, end: int) -> Array:
+    return (row >= first) & (row < end) if first else row < end
+
+
+def _select(use: Array, first: Any, second: Any) -> tuple[Array, Array]:
     return jnp.where(use, first[0], second[0]), jnp.where(use, first[1], second[1])

@@ -1,18 +1,30 @@
 """Lambertian reflection, two-sided: f = albedo/π."""
 
+import math
+
+import jax.numpy as jnp
 from jax import Array
 
-from jaxrt.core.pytree import pytree
-from jaxrt.core.sampling import sample_cosine_hemisphere
+from jaxrt.core.maths import dot
+from jaxrt.core.records import SurfacePoint
+from jaxrt.core.sampling import pdf_cosine_hemisphere, sample_cosine_hemisphere
+from jaxrt.description.fields import Albedo
+from jaxrt.description.kinds import material
 
 
-@pytree
+@material
 class Diffuse:
-    """The scene's diffuse materials."""
+    """A Lambertian surface."""
 
-    albedo: Array  # (n, 3) in [0, 1]
+    albedo: Albedo
 
+    is_lambertian = True
 
-def sample_diffuse(albedo: Array, normal: Array, u: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return (direction, weight) about `normal`, the side that the ray came from; weight = f cosθ / pdf = albedo."""
-    return sample_cosine_hemisphere(normal, u), albedo
+    def sample(self, surface: SurfacePoint, wo: Array, u: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Return (direction, weight) on the side that the ray came from; weight = f cosθ / pdf = albedo."""
+        return sample_cosine_hemisphere(surface.facing(wo), u), self.albedo
+
+    def evaluate(self, surface: SurfacePoint, wo: Array, wi: Array) -> tuple[Array, Array]:
+        """Return (f cosθ, pdf) of a direction."""
+        cos = jnp.maximum(dot(surface.facing(wo), wi), 0)
+        return self.albedo * (cos / math.pi), pdf_cosine_hemisphere(cos)

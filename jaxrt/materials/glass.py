@@ -3,16 +3,25 @@
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.core.maths import dot, grad_only, safe_sqrt
-from jaxrt.core.pytree import pytree
-from jaxrt.materials.mirror import reflect
+from jaxrt.core.maths import dot, grad_only, reflect, safe_sqrt
+from jaxrt.core.records import SurfacePoint
+from jaxrt.description.fields import Ior
+from jaxrt.description.kinds import material
 
 
-@pytree
+@material
 class Glass:
-    """The scene's glass materials."""
+    """A smooth dielectric; `ior` is inside over outside."""
 
-    ior: Array  # (n,) refractive index inside over outside, > 0
+    ior: Ior
+
+    is_delta = True
+    transmits = True
+
+    def sample(self, surface: SurfacePoint, wo: Array, u: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Return (direction, weight) of reflection or refraction, see `sample_glass`."""
+        direction, weight = sample_glass(self.ior, wo, surface.shading, u[0])
+        return direction, weight * jnp.ones_like(wo)
 
 
 def fresnel(cos_i: Array, eta: Array) -> tuple[Array, Array]:

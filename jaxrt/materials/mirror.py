@@ -2,22 +2,20 @@
 
 from jax import Array
 
-from jaxrt.core.maths import dot
-from jaxrt.core.pytree import pytree
+from jaxrt.core.maths import reflect
+from jaxrt.core.records import SurfacePoint
+from jaxrt.description.fields import Albedo
+from jaxrt.description.kinds import material
 
 
-@pytree
+@material
 class Mirror:
-    """The scene's mirror materials."""
+    """A perfect mirror."""
 
-    albedo: Array  # (n, 3) share of each channel that is reflected, in [0, 1]
+    albedo: Albedo = (1.0, 1.0, 1.0)  # share of each channel that is reflected
 
+    is_delta = True
 
-def reflect(wo: Array, normal: Array) -> Array:
-    """Return the mirror direction of `wo`, both pointing away from the surface; either sign of the normal."""
-    return 2 * dot(wo, normal) * normal - wo
-
-
-def sample_mirror(albedo: Array, wo: Array, normal: Array) -> tuple[Array, Array]:
-    """Return (direction, weight) of the one direction a mirror has."""
-    return reflect(wo, normal), albedo
+    def sample(self, surface: SurfacePoint, wo: Array, u: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Return (direction, weight) of the one direction a mirror has."""
+        return reflect(wo, surface.shading), self.albedo

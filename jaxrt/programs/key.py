@@ -8,12 +8,16 @@ import subprocess
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 import jaxlib
 
 from jaxrt.scene import Scene
 from jaxrt.transport.film import Plan, Run
+from jaxrt.transport.interior import sum_share
+from jaxrt.transport.path import tables_of
 
 # Settings of JAX that change no code, or that the structure tells
 BESIDE = ("jax_compilation_cache", "jax_enable_compilation_cache", "jax_log", "jax_num_cpu_devices", "jax_persistent")
@@ -25,7 +29,8 @@ CPU = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags", "F
 def key_of(scene: Scene, run: Run, plan: Plan) -> bytes:
     """Return one line that holds all that determines the program of `sum_share`, long values by their SHA-256.
 
-    That is the scene's structure and shapes, the plan, this code, versions, settings, and the machine.
+    That is the scene's structure and shapes, the plan, this code, versions, settings, and the machine. Kinds that users
+    wrote may call what they like: a scene that has any is told apart by the program that it is traced to.
     """
     leaves, structure = jax.tree.flatten((scene, run))
     shapes = [(leaf.shape, str(leaf.dtype), leaf.weak_type) for leaf in map(jax.typeof, leaves)]
@@ -38,7 +43,7 @@ def key_of(scene: Scene, run: Run, plan: Plan) -> bytes:
         "cpu": _digest(cpu_features()),
         "flags": {name: os.environ[name] for name in FLAGS if name in os.environ},
         "settings": _digest(repr({k: v for k, v in settings.items() if not k.startswith(BESIDE)})),
-        "code": code(),
+        "code": code() + code_of_kinds(scene, plan),
         "structure": _digest(repr((structure, shapes, plan))),
     }
     return json.dumps(key, sort_keys=True).encode()
@@ -64,6 +69,16 @@ def code() -> str:
         content = source.read_bytes()
         digest.update(f"{source.name} {len(content)}\n".encode() + content)
     return digest.hexdigest()
+
+
+def code_of_kinds(scene: Scene, plan: Plan) -> str:
+    """Return the SHA-256 of the program as it is traced, where kinds of users' own are in it, else nothing."""
+    things = jax.tree.leaves(scene, is_leaf=lambda thing: hasattr(thing, "kind"))
+    if all(type(thing).__module__.startswith("jaxrt.") for thing in things if hasattr(thing, "kind")):
+        return ""
+    number: Any = jax.ShapeDtypeStruct((), jnp.int32)
+    run = Run(number.update(dtype=jnp.uint32), number, number, number)
+    return _digest(sum_share.lower(jax.eval_shape(tables_of, scene), run, number, plan).as_text())
 
 
 def _digest(text: str) -> str:

@@ -15,7 +15,7 @@ OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 OPEN = getattr(os, "O_PATH", os.O_RDONLY) | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 
 
-class NotPrivate(Exception):
+class NotPrivate(ValueError):
     """A folder whose files might be another's: one line with the culprit and the remedy."""
 
 

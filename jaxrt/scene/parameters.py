@@ -11,20 +11,19 @@ from jax.typing import ArrayLike
 
 from jaxrt.description import SceneError, nearest
 from jaxrt.kernels.native import local
-from jaxrt.materials import Diffuse, Glass, Materials, Mirror
-from jaxrt.scene import Idle, Scene, check_scene
+from jaxrt.scene.materials import material_parameters, with_material_parameters
+from jaxrt.scene.measures import measure
+from jaxrt.scene.record import Scene, check_scene
 from jaxrt.shapes.sphere import exact_power
-
-_PLACES = {"lights.position", "spheres.center", "meshes.vertices", "camera.position", "camera.target"}
 
 
 def parameters(scene: Scene) -> dict[str, Array]:
     """Return the scene's parameters by name, in the user's coordinates and the order of the scene file.
 
     lights.position (n, 3), lights.intensity (n, 3), lights.radius (n,), materials.albedo (m, 3) of diffuse and mirror
-    materials, materials.ior (g,), spheres.center (s, 3), spheres.radius (s,), meshes.vertices (v, 3), camera.position
-    (3,), camera.target (3,), camera.fov () in degrees, environment.radiance (3,). Only what the scene has is there:
-    no `lights.radius` where every light is a point.
+    materials, materials.ior (g,), and so on, one for each field of materials, spheres.center (s, 3), spheres.radius
+    (s,), meshes.vertices (v, 3), camera.position (3,), camera.target (3,), camera.fov () in degrees,
+    environment.radiance (3,). Only what the scene has is there: no `lights.radius` where every light is a point.
     """
     check_scene(scene)
     scene = local(scene)
@@ -33,9 +32,7 @@ def parameters(scene: Scene) -> dict[str, Array]:
         p |= {"lights.position": scene.lights.position, "lights.intensity": scene.lights.intensity}
         if scene.lights.radius is not None:
             p["lights.radius"] = scene.lights.radius
-    for name, (order, parts) in _listed(scene).items():
-        if order is not None and order.size:
-            p[name] = jnp.concatenate([part for part in parts if part is not None])[order]
+    p |= material_parameters(scene)
     if scene.spheres is not None:
         p |= {"spheres.center": scene.spheres.center, "spheres.radius": scene.spheres.radius}
     if scene.triangles is not None:
@@ -67,17 +64,9 @@ def with_parameters(scene: Scene, changes: Mapping[str, ArrayLike]) -> Scene:
 
 def _shift(scene: Scene, name: str, value: Array) -> Array:
     """Return the origin for each row of a parameter that is a place, else 0."""
-    if scene.origin is None or name not in _PLACES:
+    if scene.origin is None or measure(name).range != "place":
         return jnp.zeros_like(value)
     return jnp.broadcast_to(lax.stop_gradient(scene.origin), value.shape)
-
-
-def _listed(scene: Scene) -> dict[str, tuple[Array | None, list[Array | None]]]:
-    """Return for each parameter of materials its order in the scene file, and the parts that it is listed from."""
-    materials, idle = scene.materials, scene.idle
-    albedos = [None if kind is None else kind.albedo for kind in (materials.diffuse, materials.mirror, idle)]
-    iors = [None if kind is None else kind.ior for kind in (materials.glass, idle)]
-    return {"materials.albedo": (scene.albedo_order, albedos), "materials.ior": (scene.ior_order, iors)}
 
 
 def _fields(new: Mapping[str, Array], owner: str) -> dict[str, Any]:
@@ -97,7 +86,7 @@ def _assign(scene: Scene, new: Mapping[str, Array]) -> Scene:
         spheres = replace(spheres, power=exact_power(spheres.center, spheres.radius) + lost)
     if triangles is not None:
         triangles = replace(triangles, **_fields(new, "meshes"))
-    materials, idle = _with_materials(scene, new)
+    materials, idle = with_material_parameters(scene, _fields(new, "materials"))
     return replace(
         scene,
         camera=replace(scene.camera, **_fields(new, "camera")),
@@ -108,21 +97,3 @@ def _assign(scene: Scene, new: Mapping[str, Array]) -> Scene:
         idle=idle,
         environment=new.get("environment.radiance", scene.environment),
     )
-
-
-def _with_materials(scene: Scene, new: Mapping[str, Array]) -> tuple[Materials, Idle | None]:
-    parts = {}
-    for name, (order, old) in _listed(scene).items():
-        if name in new and order is not None:
-            ends = np.cumsum([0 if part is None else len(part) for part in old])
-            rows = new[name][jnp.argsort(order)]
-            parts[name] = [None if x is None else rows[end - len(x) : end] for x, end in zip(old, ends, strict=True)]
-        else:
-            parts[name] = old
-    (diffuse, mirror, idle), (glass, spare) = parts.values()
-    materials = Materials(
-        None if diffuse is None else Diffuse(diffuse),
-        None if mirror is None else Mirror(mirror),
-        None if glass is None else Glass(glass),
-    )
-    return materials, None if scene.idle is None else Idle(idle, spare)

@@ -7,10 +7,11 @@ from typing import NamedTuple
 from jax import Array
 
 from jaxrt.description import SceneDescription, SceneError, nearest, show
-from jaxrt.scene import Scene
+from jaxrt.description.kinds import MATERIALS
+from jaxrt.scene.measures import has_rows
 from jaxrt.scene.parameters import parameters
+from jaxrt.scene.record import Scene
 
-_WITHOUT_ROWS = {"camera.position", "camera.target", "camera.fov", "environment.radiance"}
 _SELECTOR = re.compile(r"(?P<name>[^\[\]]+)(\[(?P<row>.+)\])?")
 
 
@@ -48,7 +49,7 @@ def select(scene: Scene, name: str, row: int | None = None) -> Selector:
     values = parameters(scene)
     if name not in values:
         raise SceneError(f"{name}: the scene has no such parameter{nearest(name, values)}")
-    if name in _WITHOUT_ROWS:
+    if not has_rows(name):
         if row is not None:
             raise SceneError(f"{name}[{row}]: {name} has no rows: write {name}")
         return Selector(name, None)
@@ -62,12 +63,13 @@ def select(scene: Scene, name: str, row: int | None = None) -> Selector:
 
 def material_names(description: SceneDescription, name: str) -> Sequence[str]:
     """Return the names of a parameter's rows in order: materials have names, others none."""
-    kinds = {"materials.albedo": ("diffuse", "mirror"), "materials.ior": ("glass",)}.get(name, ())
-    return [key for key, material in description.materials.items() if material.type in kinds]
+    owner, _, field = name.partition(".")
+    materials = description.materials.items() if owner == "materials" else ()
+    return [key for key, material in materials if field in MATERIALS.kind_of(material).parameters]
 
 
 def _row_of_material(name: str, row: str, scene: Scene, description: SceneDescription | None) -> int:
-    select(scene, name, None if name in _WITHOUT_ROWS else 0)
+    select(scene, name, 0 if has_rows(name) else None)
     if not name.startswith("materials.") or description is None:
         raise SceneError(f"{name}[{row}]: {show(row)} is not a row's number: write {name}[0] for the first")
     names = material_names(description, name)

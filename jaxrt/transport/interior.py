@@ -17,6 +17,7 @@ from jax.custom_batching import sequential_vmap as in_turn
 from jax.custom_derivatives import SymbolicZero
 
 from jaxrt.core.maths import Parts, add_exactly, kahan_add, rounded
+from jaxrt.description.kinds import MATERIALS
 from jaxrt.kernels.linear import Leaves, Shapes, apply_linear
 from jaxrt.kernels.native import one_mesh, program_on
 from jaxrt.transport.film import (
@@ -38,8 +39,8 @@ from jaxrt.transport.path import Tables
 TOGETHER = (32, 1)
 LARGE = 100_000  # moved numbers from which on wide packets are the faster ones backwards: a mesh of 11,000 faces
 WIDE_TILE = (32, 32)  # pixels, as many as a native kernel takes
-# Parameters that light paths and light samples do not depend on: they keep the picture's own light samples
-_STILL = {"albedo", "intensity", "environment"}
+# Besides materials, parameters that light paths and light samples do not depend on
+_STILL = {"intensity", "environment"}
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(3,))
@@ -96,8 +97,8 @@ def _own(tables: Tables) -> frozenset[int]:
     Theirs is the derivative of the very picture that is drawn. All are such where every light is a point.
     """
     points = tables.lights is None or tables.lights.lights.radius is None
-    leaves = jax.tree.leaves_with_path(tables)
-    return frozenset(i for i, (path, _) in enumerate(leaves) if points or path[-1].name in _STILL)
+    paths = [[key.name for key in path if hasattr(key, "name")] for path, _ in jax.tree.leaves_with_path(tables)]
+    return frozenset(i for i, path in enumerate(paths) if points or not _turns_light(path))
 
 
 def _parted(moved: Sequence[int], own: frozenset[int]) -> Iterator[tuple[list[int], bool]]:
@@ -109,6 +110,14 @@ def _parted(moved: Sequence[int], own: frozenset[int]) -> Iterator[tuple[list[in
         numbers = [i for i in moved if (i not in own) == attached]
         if numbers:
             yield numbers, attached
+
+
+def _turns_light(path: list[str]) -> bool:
+    """Return whether light paths or light samples depend on a leaf; others keep the picture's own light samples."""
+    if path[0] == "materials":
+        kind = MATERIALS.kinds[path[1]]
+        return kind.cls.is_delta and not kind.measures[path[2]].tints
+    return path[-1] not in _STILL
 
 
 class _Derivative(NamedTuple):

@@ -1,8 +1,13 @@
-"""The radiance along one camera ray: a walk of `max_depth` scattering events, with light sampling at diffuse ones."""
+"""The radiance along one camera ray: a walk of `max_depth` scattering events, with light samples.
+
+Mirrors and glass, which reflect in single directions, get none. At surfaces that are neither that nor lambertian, light
+samples and scattered rays share in finding sphere lights (Veach 1997, §9.2); code for these is there if they are.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,12 +15,13 @@ from jax import Array, lax
 from jax.ad_checkpoint import checkpoint_name
 
 from jaxrt.cameras import CameraFrame, camera_frame
-from jaxrt.core.maths import dot, face_forward
+from jaxrt.core.maths import dot, face_forward, safe_divide
 from jaxrt.core.pytree import pytree, static
-from jaxrt.core.records import Hit, Ray, SurfacePoint
+from jaxrt.core.records import Hit, LightSample, Ray, SurfacePoint
 from jaxrt.kernels.native import once
 from jaxrt.lights import LightTable, emitted_radiance, light_table, sample_light, sample_light_attached
-from jaxrt.materials import Materials, scatter
+from jaxrt.lights.density import light_density
+from jaxrt.materials import Materials, Scattering, evaluate, scatter
 from jaxrt.scene import Scene
 from jaxrt.shapes import Geometry, Spheres, find, geometry_of, leave, occluded, surface_point
 
@@ -44,6 +50,9 @@ class Walk:
     throughput: Array  # (3,)
     radiance: Array  # (3,) gathered so far
     specular: Array  # () bool: the ray comes from the camera, a mirror or glass, so that it may see sphere lights
+    pdf: Array | None = (
+        None  # () density of its direction where light samples have a share, else 0; None without glossy
+    )
 
 
 def tables_of(scene: Scene) -> Tables:
@@ -90,7 +99,8 @@ def radiance(tables: Tables, ray: Ray, numbers: Numbers, max_depth: int, unroll:
     attached: draw light samples whose derivatives in light, shapes and camera are right and of bounded variance.
     """
     ones = jnp.ones_like(ray.origin)
-    walk = Walk(ray, ones, jnp.zeros_like(ones), jnp.ones((), bool))
+    pdf = jnp.zeros_like(ones[0]) if tables.materials.are_glossy else None
+    walk = Walk(ray, ones, jnp.zeros_like(ones), jnp.ones((), bool), pdf)
     if tables.geometry.spheres is None and tables.geometry.triangles is None:
         return ones * 0 if tables.environment is None else tables.environment
     if unroll:
@@ -119,35 +129,67 @@ def event_at(
     walk = _see(tables, walk, hit)
     wo = -walk.ray.direction
     choice = checkpoint_name((u[2], u[3]), _KEPT)
-    scattering = once(scatter)(tables.materials, point.material, point.shading, wo, choice)
+    scattering = once(scatter)(tables.materials, point, wo, choice)
     gathered = walk.radiance
     # Sample direct light
-    if tables.lights is not None and scattering.albedo is not None:
-        lit = hit.valid & scattering.diffuse
-        direct = _direct(tables, point, face_forward(point.shading, wo), u[:2], attached, lit)
-        gathered = gathered + jnp.where(lit, walk.throughput * scattering.albedo * direct, 0)
+    if tables.lights is not None and tables.materials.are_lit:
+        lit = hit.valid & scattering.lit
+        direct = _direct(tables, point, wo, scattering, walk.throughput, u[:2], attached, lit)
+        gathered = gathered + jnp.where(lit, direct, 0)
     # Go on
     throughput = jnp.where(hit.valid, walk.throughput * scattering.weight, 0)
-    return Walk(once(leave)(point, scattering.direction), throughput, gathered, scattering.specular)
+    # Derivatives want light samples alone: where a scattered ray hits a light, its edges would move
+    pdf = jnp.zeros_like(walk.throughput[0]) if scattering.pdf is not None and attached else scattering.pdf
+    return Walk(once(leave)(point, scattering.direction), throughput, gathered, scattering.specular, pdf)
 
 
 def _direct(
-    tables: Tables, point: SurfacePoint, facing: Array, u: tuple[Array, ...], attached: bool, wanted: Array
+    tables: Tables,
+    point: SurfacePoint,
+    wo: Array,
+    scattering: Scattering,
+    throughput: Array,
+    u: tuple[Array, ...],
+    attached: bool,
+    wanted: Array,
 ) -> Array:
-    """Return the light (3,) that one light sample brings to a diffuse point, to be multiplied by its albedo.
+    """Return the light (3,) that one light sample brings to a point, and from there along the path.
 
     wanted: () bool; where not, nothing is looked for.
     """
     assert tables.lights is not None
     sample_one = sample_light_attached if attached else sample_light
     sample = once(sample_one)(tables.lights, point.position, (u[0], u[1]))
-    cosine = dot(facing, sample.direction)
+    cosine = dot(face_forward(point.shading, wo), sample.direction)
+    faced, glossy = cosine > 0, cosine
+    if scattering.glossy is not None:
+        glossy = once(partial(_glossy, attached))(tables, point, wo, sample)
+        faced = jnp.where(scattering.glossy, jnp.any(glossy > 0), faced)
     crowd = tables.lights.pick is not None and tables.lights.lights.radius is not None
     skip = tables.first_light + sample.light if crowd else None
     # The ray starts up to `error` nearer to the light than the point
-    reach = jnp.where(wanted & (cosine > 0), sample.distance - point.error, 0)
+    reach = jnp.where(wanted & faced, sample.distance - point.error, 0)
     blocked = occluded(tables.occluders, once(leave)(point, sample.direction), reach, skip)
-    return jnp.where(blocked | (cosine <= 0), 0, sample.irradiance * (cosine / jnp.pi))
+    direct: Any = None
+    if scattering.albedo is not None:
+        incoming = jnp.where(blocked | (cosine <= 0), 0, sample.irradiance * (cosine / jnp.pi))
+        direct = throughput * scattering.albedo * incoming
+    if scattering.glossy is not None:
+        shiny = throughput * jnp.where(blocked, 0, sample.irradiance * glossy)
+        direct = shiny if direct is None else jnp.where(scattering.glossy, shiny, direct)
+    return direct
+
+
+def _glossy(attached: bool, tables: Tables, point: SurfacePoint, wo: Array, sample: LightSample) -> Array:
+    """Return f cosθ (3,) of a light sample at a glossy surface, times its share in finding the light.
+
+    Scattered rays find sphere lights too: both ways are weighed by their densities.
+    """
+    value, pdf = evaluate(tables.materials, point, wo, sample.direction)
+    if attached or tables.lights is None or tables.lights.lights.radius is None:
+        return value
+    density = light_density(tables.lights, sample.light, point.position)
+    return value * jnp.where(density > 0, safe_divide(density, density + pdf), 1)
 
 
 def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
@@ -161,13 +203,16 @@ def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
         hit_light = hit.valid & (light >= 0) & (light < n)
         shining = once(emitted_radiance)(lights, jnp.clip(light, 0, n - 1), walk.ray.origin)
         seen = jnp.where(hit_light & walk.specular, shining, seen)
+        if walk.pdf is not None:
+            density = once(light_density)(tables.lights, light, walk.ray.origin)
+            seen = jnp.where(hit_light & (walk.pdf > 0), shining * safe_divide(walk.pdf, walk.pdf + density), seen)
     return replace(walk, radiance=walk.radiance + walk.throughput * seen)
 
 
 def last_look(tables: Tables, walk: Walk) -> Array:
     """Return the walk's radiance with what its last ray sees, where it can see anything at all."""
     can_shine = tables.lights is not None and tables.lights.lights.radius is not None
-    specular = tables.materials.mirror is not None or tables.materials.glass is not None
-    if tables.environment is None and not (can_shine and specular):
+    sees = tables.materials.are_delta or tables.materials.are_glossy
+    if tables.environment is None and not (can_shine and sees):
         return walk.radiance
     return _see(tables, walk, once(find)(tables.geometry, walk.ray)).radiance

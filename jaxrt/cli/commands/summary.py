@@ -9,7 +9,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from jaxrt.core.messages import one_line
-from jaxrt.description import Glass, SceneDescription, Solid
+from jaxrt.description import SceneDescription, Solid
+from jaxrt.description.kinds import MATERIALS
 from jaxrt.scene import Scene
 from jaxrt.scene.parameters import parameters
 from jaxrt.shapes import Triangles
@@ -52,14 +53,12 @@ def print_summary(
 
 def features(description: SceneDescription) -> tuple[list[str], list[str]]:
     """Return the features that are compiled for this scene, and those that it lacks and that are left out."""
-    types = {description.materials[name].type for name in description.used}
+    types = {MATERIALS.kind_of(description.materials[name]).name for name in description.used}
     radii = [light.radius for light in description.lights]
     there = {
         "spheres": bool(description.spheres),
         "triangles": bool(description.triangles or description.meshes),
-        "diffuse": "diffuse" in types,
-        "mirror": "mirror" in types,
-        "glass": "glass" in types,
+        **{name: name in types for name in MATERIALS.kinds},
         "point lights": 0 in radii,
         "sphere lights": any(radii),
         "environment": description.environment is not None,
@@ -110,8 +109,10 @@ def _materials(scene: SceneDescription) -> Iterable[tuple[str, str, str, str]]:
     used = Counter(solid.material for solid in solids)
     used.update(name for mesh in scene.meshes for name in mesh.names)
     for name, material in scene.materials.items():
-        value = f"ior {material.ior:g}" if isinstance(material, Glass) else f"albedo {_numbers(material.albedo)}"
-        yield name, material.type, value, str(used[name])
+        kind = MATERIALS.kind_of(material)
+        values = {field: np.asarray(getattr(material, field), float) for field in kind.measures}
+        told = (f"{field} {_numbers(value) if value.ndim else f'{value:g}'}" for field, value in values.items())
+        yield name, kind.name, ", ".join(told), str(used[name])
 
 
 def _meshes(scene: SceneDescription) -> Iterable[tuple[str, ...]]:

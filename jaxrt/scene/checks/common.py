@@ -1,14 +1,26 @@
 """What several checks ask of a scene."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxrt.description import Glass, MeshDescription, SceneDescription, SphereDescription
+from jaxrt.description import MeshDescription, SceneDescription, SphereDescription
 from jaxrt.description.box_tree import Floats, Ints
+from jaxrt.description.kinds import MATERIALS
 from jaxrt.description.mesh_facts import count_edges
+from jaxrt.description.values import Table
+
+
+def transmits(material: Table) -> bool:
+    """Return whether light passes through what is of this material, as through glass."""
+    return MATERIALS.kind_of(material).cls.transmits
+
+
+def is_lit(material: Table) -> bool:
+    """Return whether light samples light it: it does not only reflect in single directions."""
+    return not MATERIALS.kind_of(material).cls.is_delta
 
 
 class Body:
@@ -18,7 +30,7 @@ class Body:
         self.mesh, self.vertices, self.faces = mesh, mesh.world, mesh.faces[mesh.kept]
         self.name = f"meshes[{number}]"
         self.title = self.name + (f" ({mesh.file})" if mesh.file else "")
-        self.kinds = [scene.materials[name] for name in mesh.names]
+        self.materials = [scene.materials[name] for name in mesh.names]
 
     @property
     def corners(self) -> Floats:
@@ -35,13 +47,13 @@ class Body:
         """Whether no edge has one face only."""
         return not count_edges(self.vertices, self.faces).open
 
-    def has(self, kind: type) -> bool:
-        """Return whether any material of the mesh is of this kind."""
-        return any(isinstance(material, kind) for material in self.kinds)
+    def has(self, test: Callable[[Table], bool]) -> bool:
+        """Return whether any material of the mesh passes a test."""
+        return any(map(test, self.materials))
 
-    def faces_of(self, kind: type) -> Ints:
-        """Return the faces (m, 3) of that kind of material."""
-        return self.faces[np.array([isinstance(material, kind) for material in self.kinds])[self.mesh.rows]]
+    def faces_of(self, test: Callable[[Table], bool]) -> Ints:
+        """Return the faces (m, 3) whose material passes a test."""
+        return self.faces[np.array([test(material) for material in self.materials])[self.mesh.rows]]
 
 
 def bodies_of(scene: SceneDescription) -> list[Body]:
@@ -49,9 +61,9 @@ def bodies_of(scene: SceneDescription) -> list[Body]:
     return [Body(i, mesh, scene) for i, mesh in enumerate(scene.meshes)]
 
 
-def spheres_of(scene: SceneDescription, *, glass: bool) -> list[int]:
-    """Return the numbers of the spheres that are, or are not, of glass."""
-    return [i for i, s in enumerate(scene.spheres) if isinstance(scene.materials[s.material], Glass) == glass]
+def spheres_of(scene: SceneDescription, *, opaque: bool) -> list[int]:
+    """Return the numbers of the spheres that light does not, or does, pass through."""
+    return [i for i, s in enumerate(scene.spheres) if transmits(scene.materials[s.material]) != opaque]
 
 
 def centers_and_radii(spheres: Sequence[SphereDescription]) -> tuple[Floats, Floats]:

@@ -5,11 +5,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxrt.description import Glass, SceneDescription
+from jaxrt.description import SceneDescription
 from jaxrt.description.box_tree import Floats, Ints
 from jaxrt.description.mesh_facts import cross
 from jaxrt.description.mesh_pairs import coincident_pairs
-from jaxrt.scene.checks.common import Body
+from jaxrt.scene.checks.common import Body, transmits
 
 
 def coincident_faces(scene: SceneDescription, bodies: Sequence[Body]) -> Iterator[str]:
@@ -48,7 +48,7 @@ def _opposed(corners: Floats, pairs: Ints) -> NDArray[np.bool_]:
 def _may_stand(bodies: Sequence[Body], both: tuple[int, int]) -> bool:
     """Return whether what is between two bodies is hidden: both are opaque and one is closed."""
     meshes = [bodies[i] for i in both if i < len(bodies)]
-    return not any(body.has(Glass) for body in meshes) and any(body.closed for body in meshes)
+    return not any(body.has(transmits) for body in meshes) and any(body.closed for body in meshes)
 
 
 def _name(bodies: Sequence[Body], body: int, face: int) -> str:

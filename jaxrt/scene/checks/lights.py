@@ -5,10 +5,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxrt.description import Diffuse, Glass, SceneDescription
+from jaxrt.description import SceneDescription
 from jaxrt.description.box_tree import Floats
 from jaxrt.description.mesh_facts import nearest_distances, triangle_distances, winding_numbers
-from jaxrt.scene.checks.common import Body, centers_and_radii, inside, more, spheres_of
+from jaxrt.scene.checks.common import Body, centers_and_radii, inside, is_lit, more, spheres_of, transmits
 
 TOO_NEAR = 1e-2  # of the distances around a point light: indirect light then has a relative error of dozens
 SUNK = 100  # a ball of fewer radii of the lamp in it is no wall that the lamp is let into
@@ -25,7 +25,7 @@ def dark(scene: SceneDescription) -> Iterator[str]:
 
 def walled_in(scene: SceneDescription) -> Iterator[str]:
     """Find lights that closed opaque spheres or other lights part from the camera, as a whole or for the most part."""
-    opaque = spheres_of(scene, glass=False)
+    opaque = spheres_of(scene, opaque=True)
     walls = [scene.spheres[i] for i in opaque]
     centers, radii = centers_and_radii(walls)
     camera_inside = inside(scene.camera.position, centers, radii)
@@ -63,7 +63,7 @@ def walled_in_meshes(scene: SceneDescription, bodies: Sequence[Body]) -> Iterato
     """Find lights that closed opaque meshes part from the camera."""
     places = np.array([scene.camera.position, *(light.position for light in scene.lights)], float)
     for body in bodies:
-        if body.has(Glass):
+        if body.has(transmits):
             continue
         camera_inside, *lights_inside = _inside_body(places, body)
         parted = [i for i, within in enumerate(lights_inside) if within != camera_inside]
@@ -87,7 +87,7 @@ def _inside_body(places: Floats, body: Body) -> NDArray[np.bool_]:
 
 
 def near_point_lights(scene: SceneDescription, bodies: Sequence[Body]) -> Iterator[str]:
-    """Find point lights so near to a diffuse surface that indirect light from there is mostly noise.
+    """Find point lights so near to a surface that they light that indirect light from there is mostly noise.
 
     Near is meant for what is around: the camera, and the nearest places of most other things. How far a floor reaches
     does not matter.
@@ -96,10 +96,10 @@ def near_point_lights(scene: SceneDescription, bodies: Sequence[Body]) -> Iterat
     if not numbers:
         return
     points = np.array([scene.lights[i].position for i in numbers])
-    spheres = [s for s in scene.spheres if isinstance(scene.materials[s.material], Diffuse)]
-    corners = [t.vertices for t in scene.triangles if isinstance(scene.materials[t.material], Diffuse)]
+    spheres = [s for s in scene.spheres if is_lit(scene.materials[s.material])]
+    corners = [t.vertices for t in scene.triangles if is_lit(scene.materials[t.material])]
     singles = np.array(corners, float).reshape(-1, 3, 3)
-    meshes = [body for body in bodies if body.has(Diffuse)]
+    meshes = [body for body in bodies if body.has(is_lit)]
     around = _around(points, *centers_and_radii(spheres), singles)
     boxes = np.array([_to_box(points, *body.box) for body in meshes]).reshape(len(meshes), len(points)).T
     others = np.sort(np.concatenate([around, boxes], axis=1), axis=1)

@@ -1,0 +1,55 @@
+"""What the fields of kinds may be: numbers with a range, which the scene file, `fit` and `gradcheck` keep to.
+
+In a class, `albedo: Albedo = (1, 1, 1)` says what stands in the scene file. Where the class's methods run, the field is
+an array: (3,) here, () for a single number. `Annotated[Positive, require(lambda x: x < 500, "is …: use …")]` narrows a
+range; `Annotated[Vector, Measure("fixed", "xyz", "[0, 1, 0]")]` makes a field that is no parameter.
+"""
+
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+import numpy as np
+from pydantic import AfterValidator
+
+from jaxrt.description import values
+from jaxrt.description.values import Measure, Number, Size, complaint, require, show
+
+__all__ = ["Albedo", "Angle", "Direction", "Fraction", "Ior", "Place", "Positive", "Radius", "Real", "Rgb"]
+
+
+def _not_zero(value: tuple[float, ...]) -> tuple[float, ...]:
+    if not np.any(np.asarray(value, np.float32)):
+        raise complaint(f"{show(value)} is zero: use a direction such as [0, 1, 0]")
+    return value
+
+
+if TYPE_CHECKING:  # arrays to those who compute with them, numbers and tuples to those who write defaults
+    Albedo: TypeAlias = Any
+    Angle: TypeAlias = Any
+    Direction: TypeAlias = Any
+    Fraction: TypeAlias = Any
+    Ior: TypeAlias = Any
+    Place: TypeAlias = Any
+    Positive: TypeAlias = Any
+    Radius: TypeAlias = Any
+    Real: TypeAlias = Any
+    Rgb: TypeAlias = Any
+else:
+    # Colours: share of each channel that is reflected; light of each channel
+    Albedo = Annotated[values.Albedo, Measure("fraction", "rgb", "[0.8, 0.8, 0.8]", tints=True)]
+    Rgb = Annotated[values.Rgb, Measure("positive", "rgb", "[1, 1, 1]", tints=True)]
+    # Single numbers
+    Fraction = Annotated[
+        Number,
+        require(lambda x: 0 <= x <= 1, "is outside [0, 1]: choose a share within"),
+        Measure("fraction", "", "0.5"),
+    ]
+    Positive = Annotated[
+        Size, require(lambda x: x > 0, "is not > 0: use a positive number"), Measure("positive", "", "1")
+    ]
+    Real = Annotated[Number, Measure("free", "", "0")]
+    Ior = Annotated[values.Ior, Measure("positive", "", "1.5", step=0.02)]
+    Radius = Annotated[values.Radius, Measure("positive", "", "10")]
+    Angle = Annotated[values.Fov, Measure("angle", "", "60")]  # degrees, between 0 and 180
+    # Three numbers
+    Place = Annotated[values.Vector, Measure("place", "xyz", "[0, 0, 0]")]  # moves with the scene's origin
+    Direction = Annotated[values.Vector, AfterValidator(_not_zero), Measure("free", "xyz", "[0, 1, 0]")]

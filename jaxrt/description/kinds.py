@@ -1,0 +1,263 @@
+"""Kinds of things by name: one class each, from whose annotated fields all follows that others need to know of it.
+
+    @material
+    class Mirror:
+        albedo: Albedo = (1.0, 1.0, 1.0)
+        is_delta = True
+        def sample(self, surface, wo, u): ...
+
+makes the table `type = "mirror"` of the scene file, a pytree of arrays, one row a material, and the parameter
+`materials.albedo` with its range. Names without annotation are statics, the same for all materials of the kind.
+"""
+
+import importlib
+import inspect
+import re
+from collections.abc import Callable, Mapping, Sequence
+from typing import (
+    Any,
+    ClassVar,
+    Literal,
+    NamedTuple,
+    TypeVar,
+    dataclass_transform,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+import numpy as np
+from pydantic import BaseModel, Field, ValidationError, create_model
+from pydantic.fields import FieldInfo
+
+from jaxrt.core.messages import nearest, show
+from jaxrt.description.values import Measure, Table, complaint, measure_of
+
+T = TypeVar("T")
+RESERVED = {"type", "kind", "Table"}
+
+
+class Kind(NamedTuple):
+    """What is known of a kind."""
+
+    name: str  # its type in scene files
+    cls: Any  # pytree of rows, with the kind's behaviour
+    table: type[Table]  # its table in scene files
+    measures: dict[str, Measure]  # by field: its arrays
+    settings: tuple[str, ...]  # other fields: part of the pytree's structure
+
+    @property
+    def parameters(self) -> dict[str, Measure]:
+        """The fields that derivatives can be taken of."""
+        return {field: measure for field, measure in self.measures.items() if measure.range != "fixed"}
+
+    @property
+    def place(self) -> str:
+        """Where it is defined, for messages."""
+        return f"{self.cls.__module__}.{self.cls.__qualname__}"
+
+    def stack(self, tables: Sequence[Table], dtype: Any, origin: np.ndarray | float = 0.0) -> Any:
+        """Return the kind's pytree with one row a table, leaves (n,) or (n, 3); places are counted from the origin."""
+        import jax.numpy as jnp
+
+        leaves = {}
+        for field, measure in self.measures.items():
+            values = np.asarray([getattr(table, field) for table in tables], float).reshape(-1, *measure.shape)
+            leaves[field] = jnp.asarray(values - origin if measure.range == "place" else values, dtype)
+        return self.cls(**leaves, **{name: getattr(tables[0], name) for name in self.settings})
+
+    def single(self, table: Table, dtype: Any, origin: np.ndarray | float = 0.0) -> Any:
+        """Return the kind's pytree of one table, without rows: leaves () or (3,)."""
+        import jax
+
+        return jax.tree.map(lambda leaf: leaf[0], self.stack([table], dtype, origin))
+
+
+class Family:
+    """All kinds of one sort of thing by name, ours first; used as a decorator, it adds one."""
+
+    def __init__(
+        self,
+        word: str,
+        owner: str,
+        methods: Callable[[type], Sequence[str]],
+        statics: Mapping[str, bool],
+        *,
+        default: str | None = None,
+        rows: bool = True,
+    ) -> None:
+        """Make an empty family.
+
+        word: "material"; ours are in jaxrt.materials. owner: first part of its parameters' names. methods: what a class
+        must have. statics: what a class may say, and what it says if it does not.
+        default: the type of a table that names none. rows: whether there are many in a scene, as rows of arrays.
+        """
+        self.word, self.owner, self.default = word, owner, default
+        self._methods, self._statics, self._rows = methods, statics, rows
+        self._kinds: dict[str, Kind] = {}
+
+    @dataclass_transform(frozen_default=True)
+    def __call__(self, cls: type[T]) -> type[T]:
+        """Return `cls` as a kind that scene files may name, by its name in snake_case.
+
+        Raises TypeError for fields that are no numbers of `jaxrt.description.fields`, for missing methods, and for a
+        name that is taken; a class of the same module and name is replaced.
+        """
+        from jaxrt.core.pytree import pytree, static
+
+        name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", cls.__name__).lower()
+        measures, settings, columns = self._fields(cls, name)
+        base: Any = getattr(cls, "Table", Table)
+        columns = {"type": (Literal[name], name), **columns}
+        table: Any = create_model(
+            cls.__name__, __base__=base, __doc__=cls.__doc__, __module__=cls.__module__, **columns
+        )
+        for field in (*measures, *settings):  # rows have no defaults
+            if field in cls.__dict__:
+                delattr(cls, field)
+        for field in settings:
+            setattr(cls, field, static())
+        for key, value in self._statics.items():
+            if not hasattr(cls, key):
+                setattr(cls, key, value)
+        missing = [method for method in self._methods(cls) if not callable(getattr(cls, method, None))]
+        if missing:
+            raise TypeError(f"{self.word} {cls.__qualname__}: has no method {missing[0]}: define it")
+        kind = Kind(name, pytree(cls), table, measures, settings)
+        self._admit(kind)
+        kind.cls.Table, kind.cls.kind = table, kind
+        self._kinds[name] = kind
+        return kind.cls
+
+    def _fields(self, cls: type, name: str) -> tuple[dict[str, Measure], tuple[str, ...], dict[str, Any]]:
+        """Return the measures of a class's arrays, its other fields, and all as columns of a table."""
+        measures, settings, columns = {}, [], {}
+        for field, hint in get_type_hints(cls, include_extras=True).items():
+            if get_origin(hint) is ClassVar:
+                continue
+            measure = measure_of(get_args(hint)[1:])
+            if field in RESERVED or field.startswith("_"):
+                raise TypeError(f"{self.word} {cls.__qualname__}: {field} cannot be a field: name it otherwise")
+            if measure is not None:
+                measures[field] = measure
+            elif self._rows:
+                raise TypeError(
+                    f"{self.word} {cls.__qualname__}: {field} is no number with a range: annotate it with a type of "
+                    "jaxrt.kinds, such as Albedo or Positive; for what all share leave the annotation out"
+                )
+            else:
+                settings.append(field)
+            default = getattr(cls, field, ...)
+            plain = default is not ... and not isinstance(default, FieldInfo)
+            columns[field] = (hint, Field(default=default, validate_default=True) if plain else default)
+        return measures, tuple(settings), columns
+
+    def _admit(self, kind: Kind) -> None:
+        """Raise TypeError where another kind has the name, or one of the parameters with another meaning."""
+        for other in self.kinds.values():
+            if other.name == kind.name and other.place != kind.place:
+                raise TypeError(
+                    f"{self.word} {kind.name}: is defined twice, by {_where(other.cls)} and {_where(kind.cls)}: "
+                    "rename one of the classes"
+                )
+            for field in other.measures.keys() & kind.measures.keys() if other.name != kind.name else ():
+                one, two = other.measures[field], kind.measures[field]
+                if (one.range, one.axes) != (two.range, two.axes):
+                    raise TypeError(
+                        f"{self.word} {kind.name}: {field} is {two.range!r} of shape {two.shape}, but {one.range!r} of "
+                        f"shape {one.shape} in {other.name} ({_where(other.cls)}): name it otherwise"
+                    )
+
+    @property
+    def kinds(self) -> dict[str, Kind]:
+        """All kinds by name: ours, then others in the order in which they were defined."""
+        importlib.import_module(self.home)  # they are defined when somebody asks; afterwards this costs nothing
+        return self._kinds
+
+    @property
+    def home(self) -> str:
+        """The package in which ours are."""
+        return f"jaxrt.{self.word}s"
+
+    def load(self, *files: str) -> None:
+        """Define our own kinds, each in a file of its package, in this order: that of their rows."""
+        for file in files:
+            importlib.import_module(f"{self.home}.{file}")
+
+    @property
+    def parameters(self) -> dict[str, Measure]:
+        """Parameters by dotted name, of all kinds."""
+        found: dict[str, Measure] = {}
+        for kind in self.kinds.values():
+            for field, measure in kind.parameters.items():
+                found.setdefault(f"{self.owner}.{field}", measure)
+        return found
+
+    def kind_of(self, table: Table) -> Kind:
+        """Return the kind of a validated table."""
+        return self.kinds[table.type]  # type: ignore[attr-defined]
+
+    def check_type(self, value: Mapping[Any, Any], *place: str | int) -> None:
+        """Complain of a table that names no type, or one that is not known."""
+        name = value.get("type", self.default)
+        if name is None:
+            raise complaint(f'"type" is missing: add type = {_choices(list(self.kinds))}', *place)
+        if not isinstance(name, str) or name not in self.kinds:
+            hint = nearest(name if isinstance(name, str) else show(name), self.kinds)
+            raise complaint(f"unknown {self.word} type {show(name)}{hint}", *place, "type")
+
+    def validate(self, value: Any) -> Table:
+        """Return the validated table of the kind that a mapping names; complain, for pydantic, of what is wrong."""
+        if isinstance(value, BaseModel):
+            if isinstance(value, tuple(kind.table for kind in self.kinds.values())):
+                return value  # type: ignore[return-value]
+            raise complaint(f"{show(value)} is no {self.word}: write keys and values")
+        if not isinstance(value, Mapping):
+            raise complaint(f"{show(value)} is not a table: write keys and values")
+        self.check_type(value)
+        try:
+            return self.kinds[value.get("type", self.default)].table.model_validate(value)
+        except ValidationError as error:
+            raise retold(error) from None
+
+
+def retold(error: ValidationError) -> Exception:
+    """Return the first of the errors as one complaint at its place, for the validator around."""
+    first = error.errors(include_url=False)[0]
+    context = first.get("ctx", {})
+    text = context.get("text") or f"{show(first['input'])}: {first['msg']}"
+    return complaint(text, *first["loc"], *context.get("place", ()))
+
+
+def _choices(names: Sequence[str]) -> str:
+    quoted = [show(name) for name in names]
+    return " or ".join(filter(None, (", ".join(quoted[:-1]), quoted[-1])))
+
+
+def _where(cls: type) -> str:
+    """Return module, name, file and line of a class."""
+    try:
+        line = inspect.getsourcelines(cls)[1]
+        return f"{cls.__module__}.{cls.__qualname__} ({inspect.getsourcefile(cls)}:{line})"
+    except (OSError, TypeError):
+        return f"{cls.__module__}.{cls.__qualname__}"
+
+
+def _of_material(cls: Any) -> Sequence[str]:
+    return ("sample",) if cls.is_delta else ("sample", "evaluate")
+
+
+def _of_light(cls: Any) -> Sequence[str]:
+    return ("sample",)
+
+
+def _of_camera(cls: Any) -> Sequence[str]:
+    return ("ray",)
+
+
+MATERIALS = Family(
+    "material", "materials", _of_material, {"is_delta": False, "is_lambertian": False, "transmits": False}
+)
+LIGHTS = Family("light", "lights", _of_light, {"is_delta": False}, default="point")
+CAMERAS = Family("camera", "camera", _of_camera, {"is_central": False}, default="pinhole", rows=False)
+material, light, camera = MATERIALS, LIGHTS, CAMERAS

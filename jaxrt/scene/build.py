@@ -1,0 +1,137 @@
+"""From a description to a scene.
+
+`build` is the only place where names become indices, and the only one that can refuse a scene.
+"""
+
+import warnings
+from collections.abc import Mapping
+from os import PathLike
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import DTypeLike
+
+from jaxrt.cameras import Camera
+from jaxrt.description import CameraDescription, SceneDescription, SceneWarning, parse_description, show
+from jaxrt.description.mesh_facts import weld
+from jaxrt.kernels.native import default_devices, everywhere
+from jaxrt.lights import Lights
+from jaxrt.scene.checks import check_memory, warnings_of
+from jaxrt.scene.materials import list_materials
+from jaxrt.scene.record import NoSceneError, Scene
+from jaxrt.shapes import Spheres, Triangles, mesh_edges, topology_of
+
+WIDE = 1e3  # from that ratio on, rays lose a triangle over 1/3000 of the smallest thing's size
+
+
+def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = jnp.float32) -> Scene:
+    """Return the scene that a description, or a mapping shaped like a scene file, tells of.
+
+    dtype: float32, or float64 under `jax_enable_x64`. A far-off scene is moved to the origin in float64 first, since
+    float32 coordinates near 1e6 are 1/16 apart. Raises SceneError; warns SceneWarning of what is probably a mistake.
+    """
+    if isinstance(description, str | PathLike):
+        raise NoSceneError(f"build: {show(description)} is the name of a file: use jaxrt.load_scene")
+    if not isinstance(description, SceneDescription):
+        description = parse_description(description)
+    check_memory(description.camera.width, description.camera.height)
+    for message in warnings_of(description):
+        warnings.warn(message, SceneWarning, stacklevel=2)
+    origin = description.origin
+    listed = list_materials(description, dtype, origin)
+    environment = description.environment
+    scene = Scene(
+        camera=_camera(description.camera, origin, dtype),
+        spheres=_spheres(description, listed.rows, origin, dtype),
+        triangles=_triangles(description, listed.rows, origin, dtype),
+        materials=listed.materials,
+        lights=_lights(description, origin, dtype),
+        environment=None if environment is None else jnp.asarray(environment.radiance, dtype),
+        idle=listed.idle,
+        order=listed.order,
+        origin=jnp.asarray(origin, dtype) if origin.any() else None,
+        defaults=description.render,
+    )
+    devices = default_devices()
+    return scene if len(devices) == 1 else everywhere(scene, devices)
+
+
+def _camera(camera: CameraDescription, origin: np.ndarray, dtype: DTypeLike) -> Camera:
+    position = np.asarray(camera.position, float)
+    target = position + [0, 0, -1] if camera.target is None else np.asarray(camera.target, float)
+    return Camera(
+        position=jnp.asarray(position - origin, dtype),
+        target=jnp.asarray(target - origin, dtype),
+        up=jnp.asarray(camera.up, dtype),
+        fov=jnp.asarray(camera.fov, dtype),
+        width=camera.width,
+        height=camera.height,
+    )
+
+
+def _spheres(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, dtype: DTypeLike) -> Spheres | None:
+    if not scene.spheres:
+        return None
+    center = np.asarray([s.center for s in scene.spheres], float) - origin
+    radius = np.asarray([s.radius for s in scene.spheres], float)
+    # Of the unrounded sphere: it puts a wall of radius 1e6 where it should be, though its centre is rounded to 1/16
+    power = np.sum(center**2, -1) - radius**2
+    material = jnp.asarray([rows[s.material] for s in scene.spheres], jnp.int32)
+    return Spheres(jnp.asarray(center, dtype), jnp.asarray(radius, dtype), jnp.asarray(power, dtype), material)
+
+
+def _triangles(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, dtype: DTypeLike) -> Triangles | None:
+    """Return the meshes' faces, then the single triangles; faces without area are left out."""
+    if not scene.meshes and not scene.triangles:
+        return None
+    singles = np.asarray([t.vertices for t in scene.triangles], float).reshape(-1, 3)
+    vertices = [mesh.world for mesh in scene.meshes] + [singles]
+    faces = [mesh.faces[mesh.kept] for mesh in scene.meshes] + [np.arange(len(singles)).reshape(-1, 3)]
+    material = [np.array([rows[name] for name in mesh.names])[mesh.rows] for mesh in scene.meshes]
+    material.append(np.array([rows[t.material] for t in scene.triangles], int))
+    first = np.cumsum([0] + [len(v) for v in vertices])
+    corners = np.concatenate(vertices) - origin
+    indices = np.concatenate([f + start for f, start in zip(faces, first, strict=False)])
+    return Triangles(
+        jnp.asarray(corners, dtype),
+        jnp.asarray(indices, jnp.int32),
+        jnp.asarray(np.concatenate(material), jnp.int32),
+        topology_of(corners, indices),
+        mesh_edges(corners.astype(dtype), indices),
+        _smooth(scene, corners, indices),
+        _wide(scene),
+    )
+
+
+def _wide(scene: SceneDescription) -> bool:
+    """Return whether a triangle is so wide that float32 errors on it, of 3e-7 of its width, show on something else."""
+    singles = [np.asarray(t.vertices, float) for t in scene.triangles]
+    corners = [mesh.world[mesh.faces[mesh.kept]] for mesh in scene.meshes] + ([np.stack(singles)] if singles else [])
+    sides = [np.linalg.norm(x - np.roll(x, 1, axis=1), axis=-1).max(axis=-1) for x in corners]
+    # A mesh is as large as its faces laid side by side: a floor in it does not count, if only it has few faces
+    sizes = [np.median(side) * len(side) ** 0.5 for side in sides] + [s.radius for s in scene.spheres]
+    return bool(max(side.max() for side in sides) > WIDE * min(sizes))
+
+
+def _smooth(scene: SceneDescription, vertices: np.ndarray, faces: np.ndarray) -> Array | None:
+    """Return for each corner (n, 3) the number of its normal: one for each place of a smooth mesh, one a flat face."""
+    if not any(mesh.smooth for mesh in scene.meshes):
+        return None
+    counts = [len(mesh.kept) for mesh in scene.meshes]
+    smooth = np.repeat([mesh.smooth for mesh in scene.meshes] + [False], [*counts, len(faces) - sum(counts)])
+    own = np.repeat([*range(len(counts)), -1], [*counts, len(faces) - sum(counts)])
+    flat = len(vertices) * (1 + len(counts)) + np.arange(len(faces))
+    # Meshes share no normals, even where they touch
+    numbers = np.where(smooth[:, None], weld(vertices)[faces] + len(vertices) * own[:, None], flat[:, None])
+    return jnp.asarray(np.unique(numbers, return_inverse=True)[1].reshape(-1, 3), jnp.int32)
+
+
+def _lights(scene: SceneDescription, origin: np.ndarray, dtype: DTypeLike) -> Lights | None:
+    if not scene.lights:
+        return None
+    position = np.asarray([light.position for light in scene.lights], float) - origin
+    intensity = jnp.asarray([light.intensity for light in scene.lights], dtype)
+    radius = np.asarray([light.radius for light in scene.lights], float)
+    return Lights(jnp.asarray(position, dtype), intensity, jnp.asarray(radius, dtype) if radius.any() else None)

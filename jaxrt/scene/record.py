@@ -1,0 +1,45 @@
+"""What a scene is, once it is built: arrays and topology, the input of all that computes."""
+
+from dataclasses import replace
+from os import PathLike
+
+from jax import Array
+
+from jaxrt.cameras import Camera
+from jaxrt.core.pytree import pytree, static
+from jaxrt.description import RenderDefaults, SceneError, show
+from jaxrt.lights import Lights
+from jaxrt.materials import Materials
+from jaxrt.shapes import Spheres, Triangles
+
+
+@pytree
+class Scene:
+    """What is there: a pytree of float arrays and integer topology. Kinds of things that are absent are None."""
+
+    camera: Camera
+    spheres: Spheres | None
+    triangles: Triangles | None
+    materials: Materials
+    lights: Lights | None
+    environment: Array | None  # (3,) radiance W·sr⁻¹·m⁻² from every direction
+    idle: dict[str, Array] | None  # (k, …) by field: parameters of materials that nothing is made of, of no effect
+    order: dict[str, Array] | None  # (m,) int32 by field: row among (materials, idle) of each in the scene file's order
+    origin: Array | None  # (3,) user's coordinates of this scene's origin; None: the same
+    defaults: RenderDefaults = static()  # what `render` uses for spp and max_depth when not told
+
+
+class NoSceneError(SceneError, TypeError):
+    """Something else than a scene stands where one is wanted."""
+
+
+def check_scene(scene: object) -> None:
+    """Raise NoSceneError for anything but a scene."""
+    if not isinstance(scene, Scene):
+        remedy = "jaxrt.load_scene(path)" if isinstance(scene, str | PathLike) else "what jaxrt.build returns"
+        raise NoSceneError(f"scene: {show(scene)} is no Scene: pass {remedy}")
+
+
+def drawn(scene: Scene) -> Scene:
+    """Return what a picture depends on: scenes that differ in the rest share a program."""
+    return replace(scene, idle=None, order=None, origin=None, defaults=RenderDefaults())
