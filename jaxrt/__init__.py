@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from jaxrt.programs.keep import keep_programs
     from jaxrt.render import render, use_cpu_cores
     from jaxrt.scene import Scene, build
-    from jaxrt.scene.parameters import parameters, with_parameters
+    from jaxrt.scene.parameters import names, parameters, with_parameters
 
 __all__ = [
     "Scene",
@@ -32,6 +32,7 @@ __all__ = [
     "load_mesh",
     "load_scene",
     "material",
+    "names",
     "parameters",
     "render",
     "save_image",
@@ -49,7 +50,7 @@ _HOMES = {
     "kernels.jacobian": ("jacobian_once",),
     "core.messages": ("SceneError", "SceneWarning"),
     "description.kinds": ("camera", "light", "material"),
-    "scene.parameters": ("parameters", "with_parameters"),
+    "scene.parameters": ("names", "parameters", "with_parameters"),
     "programs.keep": ("keep_programs",),
     "render": ("render", "use_cpu_cores"),
     "scene": ("Scene", "build"),

@@ -20,6 +20,7 @@ from jaxrt.kernels.native import default_devices, everywhere
 from jaxrt.lights import Lights
 from jaxrt.scene.checks import check_memory, warnings_of
 from jaxrt.scene.materials import list_materials
+from jaxrt.scene.names import names_of
 from jaxrt.scene.record import NoSceneError, Scene
 from jaxrt.shapes import Spheres, Triangles, mesh_edges, topology_of
 
@@ -53,6 +54,7 @@ def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = 
         order=listed.order,
         origin=jnp.asarray(origin, dtype) if origin.any() else None,
         defaults=description.render,
+        names=names_of(description),
     )
     devices = default_devices()
     return scene if len(devices) == 1 else everywhere(scene, devices)
