@@ -1,6 +1,7 @@
 """jaxrt: a differentiable Monte-Carlo path tracer in JAX."""
 
 import importlib
+import importlib.metadata
 import sys
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -10,10 +11,12 @@ if TYPE_CHECKING:
     from jaxrt.description.kinds import camera, light, material
     from jaxrt.gradcheck import gradcheck
     from jaxrt.io import example, load_image, load_mesh, load_scene, save_image
+    from jaxrt.io.image import show, tonemap
     from jaxrt.kernels.jacobian import jacobian_once
+    from jaxrt.programs.keep import keep_programs
     from jaxrt.render import render, use_cpu_cores
     from jaxrt.scene import Scene, build
-    from jaxrt.scene.parameters import parameters, with_parameters
+    from jaxrt.scene.parameters import names, parameters, with_parameters
 
 __all__ = [
     "Scene",
@@ -24,14 +27,18 @@ __all__ = [
     "example",
     "gradcheck",
     "jacobian_once",
+    "keep_programs",
     "light",
     "load_image",
     "load_mesh",
     "load_scene",
     "material",
+    "names",
     "parameters",
     "render",
     "save_image",
+    "show",
+    "tonemap",
     "use_cpu_cores",
     "with_parameters",
 ]
@@ -40,16 +47,20 @@ __all__ = [
 _HOMES = {
     "gradcheck": ("gradcheck",),
     "io": ("example", "load_image", "load_mesh", "load_scene", "save_image"),
+    "io.image": ("show", "tonemap"),
     "kernels.jacobian": ("jacobian_once",),
     "core.messages": ("SceneError", "SceneWarning"),
     "description.kinds": ("camera", "light", "material"),
-    "scene.parameters": ("parameters", "with_parameters"),
+    "scene.parameters": ("names", "parameters", "with_parameters"),
+    "programs.keep": ("keep_programs",),
     "render": ("render", "use_cpu_cores"),
     "scene": ("Scene", "build"),
 }
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return importlib.metadata.version("jaxrt")
     home = next((home for home, names in _HOMES.items() if name in names), None)
     if home is None:
         raise AttributeError(f"module 'jaxrt' has no attribute {name!r}")
@@ -59,7 +70,7 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return __all__
+    return [*__all__, "__version__"]
 
 
 class _Face(ModuleType):

@@ -2,6 +2,7 @@
 
 import operator
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TypedDict, Unpack
 
@@ -14,8 +15,10 @@ from jaxrt import boundary
 from jaxrt.boundary.tangent import moving_edges
 from jaxrt.core.messages import nearest, show
 from jaxrt.core.samplers import SAMPLERS, seed_from_key
+from jaxrt.core.system import usable_cores
 from jaxrt.kernels.native import as_operand, default_devices, everywhere, local
 from jaxrt.scene import Scene, check_scene, drawn
+from jaxrt.scene.checks import check_memory
 from jaxrt.transport.film import Plan, Run
 from jaxrt.transport.interior import draw
 from jaxrt.transport.path import Tables, tables_of
@@ -24,17 +27,19 @@ CPU_TILE = (16, 8)  # pixels of a packet on a CPU: its values stay in the first-
 WIDE_TILE = (512, 128)  # on accelerators, which want many lanes at once
 
 
-def use_cpu_cores(n: int) -> None:
-    """Let JAX see `n` CPU devices, so that `render` uses as many cores. Must come before JAX computes anything.
+def use_cpu_cores(n: int | None = None) -> None:
+    """Let JAX see `n` CPU devices, so that `render` uses as many cores: by default all that this process may run on.
+
+    Those are what affinity and control groups leave of the machine's. Must come before JAX computes anything.
 
     With n > 1, do not `vmap` whole solves: loops side by side that exchange pictures between devices can wait for one
     another for ever (jaxlib 0.10.1). `jax.lax.map` them, or render with `devices=jax.devices()[:1]`.
 
-    Raises ValueError for n < 1, and RuntimeError (JAX's own) where a backend has started already.
+    Raises ValueError for what is no number from 1 on, and RuntimeError (JAX's own) where a backend has started already.
     """
-    if n < 1:
-        raise ValueError(f"use_cpu_cores: n is {n}, want at least 1")
-    jax.config.update("jax_num_cpu_devices", n)
+    if n is not None and (isinstance(n, bool) or not isinstance(n, int) or n < 1):
+        raise ValueError(f"use_cpu_cores: n is {show(n)}: pass a whole number from 1 on, or none for all cores")
+    jax.config.update("jax_num_cpu_devices", usable_cores() if n is None else n)
 
 
 def render(
@@ -43,6 +48,8 @@ def render(
     *,
     spp: int | None = None,
     max_depth: int | None = None,
+    width: int | None = None,
+    height: int | None = None,
     sampler: str = "sobol",
     boundary_samples: int = 0,
     gradient_key: int | Array | None = None,
@@ -53,18 +60,20 @@ def render(
 ) -> Array:
     """Return the picture (height, width, 3) in linear radiance, W·sr⁻¹·m⁻²; row 0 is the top.
 
-    key: an int or a `jax.random.key`. spp: samples per pixel; max_depth: scattering events along a path; both default
-    to the scene's own. sampler: "sobol", "stratified" or "independent". unroll: compile each event apart, instead of
-    one event in a loop. tile: width and height of a packet in pixels. devices: those to use, by default all of JAX's
-    default backend, or those on which the scene was put; under jit, one device alone is where the arguments are. Their
-    number does not change the picture, tile and unroll may by 1e-6 (CONVENTIONS, Bits). Memory does not grow with spp.
+    key: an int or a `jax.random.key`. spp: samples per pixel; max_depth: scattering events along a path; width, height:
+    columns and rows, another size being another program; all default to the scene's own. sampler: "sobol", "stratified"
+    or "independent". unroll: compile each event apart, instead of one event in a loop. tile: width and height of a
+    packet in pixels. devices: those to use, by default all of JAX's default backend, or those on which the scene was
+    put; under jit, one device alone is where the arguments are. Their number does not change the picture, tile and
+    unroll may by 1e-6 (CONVENTIONS, Bits). Memory does not grow with spp.
 
     Pure: works under jit, vmap, jvp, vjp, jacfwd, jacrev and hessian. boundary_samples: 0 gives interior derivatives
     only, which lack what moving visibility edges add; n leaves the picture unchanged to the bit and adds the edge terms
     from n samples, about 4 a pixel (second derivatives then raise ValueError). gradient_key and gradient_spp: the
     random numbers of derivatives and how many samples a pixel they take. By default those of the picture; with another
     key, gradients of losses are unbiased. Raises NoSceneError (a TypeError) for what is no scene, and ValueError
-    for an unknown sampler and for counts that are out of range or traced.
+    for an unknown sampler, for counts that are out of range or traced, and (SceneError) for a size that memory is too
+    small for.
 
     The edge terms are those of outlines that the camera sees and of shadows, for lights in indirect light too. They
     lack outlines of moving shapes, or under a moving camera, that diffuse surfaces see before the sky (a ball's height
@@ -73,6 +82,7 @@ def render(
     `gradcheck` names which of these a scene and a parameter lack.
     """
     check_scene(scene)
+    scene = _sized(scene, width, height)
     spp = _count("spp", scene.defaults.spp if spp is None else spp)
     gradient_spp = _count("gradient_spp", spp if gradient_spp is None else gradient_spp)
     _count("boundary_samples", boundary_samples, least=0)
@@ -86,6 +96,16 @@ def render(
         return picture
     edges = boundary.Plan(boundary_samples, plan.max_depth, False, False, plan.devices)
     return picture + moving_edges(plain, gradient_run.seed, edges)
+
+
+def _sized(scene: Scene, width: int | None, height: int | None) -> Scene:
+    """Return the scene with as many columns and rows as are asked for."""
+    if width is None and height is None:
+        return scene
+    columns = _count("width", scene.camera.width if width is None else width)
+    rows = _count("height", scene.camera.height if height is None else height)
+    check_memory(columns, rows, "render")
+    return replace(scene, camera=replace(scene.camera, width=columns, height=rows))
 
 
 def _count(name: str, value: int, least: int = 1) -> int:

@@ -393,4 +393,4 @@ def test_help_and_typing_errors_load_nothing_large(argv: list[str]) -> None:
 def test_the_package_shows_its_public_names_whatever_was_imported_before() -> None:
     code = "from jaxrt.render import prepare; import jaxrt.gradcheck, jaxrt\nprint(dir(jaxrt), jaxrt.render.__name__)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == f"{sorted(jaxrt.__all__)} render\n"
+    assert done.stdout == f"{sorted([*jaxrt.__all__, '__version__'])} render\n"

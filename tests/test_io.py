@@ -1,8 +1,11 @@
 """Scene files and pictures: round trips, refusals, and files that appear whole or not at all."""
 
 import logging
+from io import BytesIO
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import OpenEXR
 import pytest
@@ -203,3 +206,29 @@ def test_load_scene_builds(tmp_path):
     (tmp_path / "a.toml").write_text(MINIMAL)
     scene = jaxrt.load_scene(tmp_path / "a.toml")
     assert scene.lights.position.shape == (1, 3) and scene.lights.radius is None
+
+
+@pytest.mark.parametrize(("exposure", "srgb"), [(0.0, False), (-1.5, True)])
+def test_s5_tonemap_is_what_a_png_holds(tmp_path, exposure, srgb):
+    image = 2 * picture()
+    save_image(tmp_path / "a.png", image, exposure, srgb)
+    levels = jaxrt.tonemap(jnp.asarray(image), exposure, srgb)
+    assert levels.dtype == np.uint8
+    np.testing.assert_array_equal(levels, np.asarray(Image.open(tmp_path / "a.png")))
+    shown = jaxrt.show(image, exposure, srgb)
+    np.testing.assert_array_equal(np.asarray(Image.open(BytesIO(shown._repr_png_()))), levels)
+
+
+def test_s5_what_is_no_picture_is_refused_in_one_line():
+    for image, line in (
+        (np.zeros((4, 5)), r"image: shape \(4, 5\) is no picture: pass \(height, width, 3\)"),
+        (np.full((1, 1, 3), np.nan), r"image\[0, 0, 0\]: nan is not finite: mend the picture before saving"),
+        ("room.png", r"image: <U8 is no radiance: pass an array of numbers \(height, width, 3\)"),
+        (None, r"image: object is no radiance: pass an array of numbers \(height, width, 3\)"),
+        ([[1], [1, 2]], "image: list is no picture: pass an array, and not under jax.jit"),
+    ):
+        for use in (jaxrt.tonemap, jaxrt.show):
+            with pytest.raises(ValueError, match=f"^{line}$"):
+                use(image)
+    with pytest.raises(ValueError, match="^image: .+ is no picture: pass an array, and not under jax.jit"):
+        jax.jit(jaxrt.tonemap)(picture())

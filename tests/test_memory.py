@@ -5,6 +5,8 @@ import sys
 
 import pytest
 
+import jaxrt
+from jaxrt.core.system import usable_cores
 from jaxrt.description import SceneError
 from jaxrt.scene import memory
 
@@ -16,7 +18,7 @@ def system(monkeypatch):
     """Return a function that sets up a system of files, by path."""
 
     def with_files(files):
-        monkeypatch.setattr(memory, "_read", lambda path: files.get(str(path)))
+        monkeypatch.setattr("jaxrt.core.system.read", lambda path: files.get(str(path)))
 
     return with_files
 
@@ -79,3 +81,40 @@ def test_l9_ulimit_counts_less_what_is_taken():
     """
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert told == "scene: camera: image 2600x2600 needs 1.1 GiB, ulimit -v leaves 1.0 GiB: lower width or height\n"
+
+
+@pytest.mark.parametrize(
+    ("files", "cores"),
+    [
+        ({}, 8),
+        ({"/proc/self/cgroup": "0::/a/b", "/sys/fs/cgroup/a/b/cpu.max": "max 100000"}, 8),
+        ({"/proc/self/cgroup": "0::/a/b", "/sys/fs/cgroup/a/cpu.max": "150000 100000"}, 2),
+        ({"/proc/self/cgroup": "0::/docker/x", "/sys/fs/cgroup/cpu.max": "50000 100000"}, 1),
+        ({"/proc/self/cgroup": "0::/", "/sys/fs/cgroup/cpu.max": "9900000 100000"}, 8),
+        ({"/proc/self/cgroup": "0::/", "/sys/fs/cgroup/cpu.max": "garbage"}, 8),
+        (
+            {
+                "/proc/self/cgroup": "3:cpu,cpuacct:/a\n7:memory:/b",
+                "/sys/fs/cgroup/cpu/a/cpu.cfs_quota_us": "300000",
+                "/sys/fs/cgroup/cpu/a/cpu.cfs_period_us": "100000",
+                "/sys/fs/cgroup/cpu/cpu.cfs_quota_us": "-1",
+                "/sys/fs/cgroup/cpu/cpu.cfs_period_us": "100000",
+            },
+            3,
+        ),
+    ],
+)
+def test_s5_cores_that_affinity_and_control_groups_leave(system, monkeypatch, files, cores):
+    system(files)
+    monkeypatch.setattr("os.sched_getaffinity", lambda process: set(range(8)), raising=False)
+    assert usable_cores() == cores
+    given = []
+    monkeypatch.setattr("jax.config.update", lambda *setting: given.append(setting))
+    jaxrt.use_cpu_cores()
+    assert given == [("jax_num_cpu_devices", cores)]
+
+
+def test_s5_numbers_of_cores_that_are_none():
+    for n in (0, -1, 1.5, "two", True):
+        with pytest.raises(ValueError, match=r"use_cpu_cores: n is .+: pass a whole number from 1 on, or none for all"):
+            jaxrt.use_cpu_cores(n)

@@ -14,6 +14,7 @@ import jax
 from jaxrt.cli.errors import UsageError, refusing
 from jaxrt.cli.places import check_file
 from jaxrt.core.messages import one_line
+from jaxrt.core.system import usable_cores
 from jaxrt.description import SceneDescription, SceneWarning, show
 from jaxrt.io.image import check_suffix
 from jaxrt.io.scene_file import read_description
@@ -40,12 +41,6 @@ def described(args: argparse.Namespace) -> SceneDescription:
     check_memory(camera.width, camera.height, str(args.scene))
     render = description.render.model_copy(update=drawn)
     return description.model_copy(update={"camera": camera, "render": render})
-
-
-def usable_cores() -> int:
-    """Return how many cores this process may run on."""
-    affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def present(cores: int) -> int:

@@ -69,6 +69,7 @@ class SphereDescription(Table):
     center: Vector
     radius: Radius
     material: Name
+    name: Name | None = None
 
 
 class TriangleDescription(Table):
@@ -181,6 +182,16 @@ class SceneDescription(Table):
         if not own or not isinstance(materials, Mapping):
             return value
         return {**value, "materials": {**materials, **{k: v for k, v in own.items() if k not in materials}}}
+
+    @model_validator(mode="after")
+    def _check_own_names(self) -> Self:
+        for group, members in (("spheres", self.spheres), ("meshes", self.meshes), ("lights", self.lights)):
+            first: dict[str, int] = {}
+            for i, name in enumerate(getattr(member, "name", None) for member in members):
+                if name is not None and first.setdefault(name, i) != i:
+                    text = f"{show(name)} is the name of {group}[{first[name]}] already: choose another"
+                    raise complaint(text, group, i, "name")
+        return self
 
     @model_validator(mode="after")
     def _check_names(self) -> Self:

@@ -31,7 +31,7 @@ from pydantic import BaseModel, Field, ValidationError, create_model
 from pydantic.fields import FieldInfo
 
 from jaxrt.core.messages import nearest, show
-from jaxrt.description.values import Count, Measure, Table, complaint, measure_of
+from jaxrt.description.values import Count, Measure, Name, Table, complaint, measure_of
 
 T = TypeVar("T")
 RESERVED = {"type", "kind", "Table"}
@@ -91,16 +91,18 @@ class Family:
         default: str | None = None,
         rows: bool = True,
         shared: Mapping[str, tuple[Any, Any]] | None = None,
+        named: bool = False,
     ) -> None:
         """Make an empty family.
 
         word: "material"; ours are in jaxrt.materials. owner: first part of its parameters' names. methods: what a class
         must have. statics: what a class may say, and what it says if it does not.
         default: the type of a table that names none. rows: whether there are many in a scene, as rows of arrays.
-        shared: fields that all have, their type and default.
+        shared: fields that all have, their type and default. named: whether a table may have a `name` for its row.
         """
         self.word, self.owner, self.default = word, owner, default
         self._methods, self._statics, self._rows, self._shared = methods, statics, rows, shared or {}
+        self._named: dict[str, Any] = {"name": (Name | None, None)} if named else {}
         self._kinds: dict[str, Kind] = {}
 
     @dataclass_transform(frozen_default=True)
@@ -118,7 +120,7 @@ class Family:
             setattr(cls, field, default)
         measures, settings, columns = self._fields(cls, name)
         base: Any = getattr(cls, "Table", Table)
-        columns = {"type": (Literal[name], name), **columns}
+        columns = {"type": (Literal[name], name), **self._named, **columns}
         table: Any = create_model(
             cls.__name__, __base__=base, __doc__=cls.__doc__, __module__=cls.__module__, **columns
         )
@@ -272,7 +274,7 @@ def _of_camera(cls: Any) -> Sequence[str]:
 MATERIALS = Family(
     "material", "materials", _of_material, {"is_delta": False, "is_lambertian": False, "transmits": False}
 )
-LIGHTS = Family("light", "lights", _of_light, {"is_delta": False}, default="sphere")
+LIGHTS = Family("light", "lights", _of_light, {"is_delta": False}, default="sphere", named=True)
 CAMERAS = Family(
     "camera",
     "camera",

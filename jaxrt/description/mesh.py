@@ -59,6 +59,7 @@ class MeshDescription(Table):
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
 
+    name: Name | None = None  # by which its vertices may be called
     file: Name | None = None  # where the arrays come from, if from a file
     notes: Name | None = None  # what the file holds and the arrays do not, in one line
     vertices: Vertices = Field(default=None)  # (v, 3) float64

@@ -21,7 +21,7 @@ from jaxrt.render import prepare, render
 from jaxrt.scene import Scene, check_scene
 from jaxrt.scene.measures import measure
 from jaxrt.scene.parameters import parameters, with_parameters
-from jaxrt.scene.selectors import Selector, select
+from jaxrt.scene.selectors import Selector, parse_selector, select
 
 __all__ = ["Component", "Group", "Report", "gradcheck", "heatmap"]
 
@@ -50,15 +50,17 @@ def gradcheck(
     Forward-mode derivatives, with and without moving edges, against central differences of pictures with the same
     random numbers, by functionals that see shadows move and by an L2 loss; independent seeds give error bars.
 
-    row: may be None where there is but one. component: 0, 1 or 2 of a vector, by default each in turn. spp: samples of
-    each picture, by default the scene's own. boundary_samples: by default 4 a pixel; 0 checks the interior alone. step:
-    of the finer difference, by default about 1 % of what the camera looks over, and less where what moves is small or
-    nearly touches something; the other has twice as much. tolerance: the
-    difference that is let pass, and the noise that is not. progress: called with the draws done and their number.
+    name: may hold the row, as in `materials.albedo[ball]`. row: may be None where there is but one. component: 0, 1 or
+    2 of a vector, by default each in turn. spp: samples of each picture, by default the scene's own. boundary_samples:
+    by default 4 a pixel; 0 checks the interior alone. step: of the finer difference, by default about 1 % of what the
+    camera looks over, and less where what moves is small or nearly touches something; the other has twice as much.
+    tolerance: the difference that is let pass, and the noise that is not. progress: called with the draws done and
+    their number.
     Raises SceneError for an unknown parameter or row, and ValueError for arguments out of range.
     """
     check_scene(scene)
-    selector = select(scene, name, row)
+    selector = parse_selector(name, scene) if "[" in name and row is None else select(scene, name, row)
+    name = selector.name
     spp = scene.defaults.spp if spp is None else spp
     max_depth = scene.defaults.max_depth if max_depth is None else max_depth
     pixels = scene.camera.width * scene.camera.height

@@ -4,10 +4,10 @@ import logging
 import os
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from jaxrt.core.messages import SceneError, one_line
 from jaxrt.core.writing import write_whole
@@ -15,7 +15,11 @@ from jaxrt.io import color
 from jaxrt.io.decode import Pixels, decode_exr, decode_png
 from jaxrt.io.files import PICTURE_BYTES, StrPath, instead_of, read_bytes
 
+if TYPE_CHECKING:
+    from PIL import Image
+
 logger = logging.getLogger(__name__)
+Levels = NDArray[np.uint8]
 
 
 def check_suffix(path: StrPath) -> str:
@@ -69,7 +73,12 @@ def load_image(path: StrPath, srgb: bool = False) -> Pixels:
 
 def _check_pixels(image: ArrayLike, exposure: float, finite: bool) -> Pixels:
     """Return the exposed picture in float32, or raise ValueError naming what is wrong."""
-    pixels = np.asarray(image)
+    try:
+        pixels = np.asarray(image)
+    except Exception:  # rows of different lengths; and JAX's own, of many lines, for what is traced
+        raise ValueError(f"image: {type(image).__name__} is no picture: pass an array, and not under jax.jit") from None
+    if pixels.dtype.kind not in "fiu":
+        raise ValueError(f"image: {pixels.dtype} is no radiance: pass an array of numbers (height, width, 3)")
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
         raise ValueError(f"image: shape {pixels.shape} is no picture: pass (height, width, 3)")
     if not np.isfinite(exposure):
@@ -82,13 +91,31 @@ def _check_pixels(image: ArrayLike, exposure: float, finite: bool) -> Pixels:
     return exposed
 
 
+def tonemap(image: ArrayLike, exposure: float = 0.0, srgb: bool = False, finite: bool = True) -> Levels:
+    """Return an (H, W, 3) picture of linear radiance, times 2**exposure, as 8-bit display values: those of a PNG.
+
+    The arguments, and what is raised, are those of `save_image`.
+    """
+    return _levels(_check_pixels(image, exposure, finite), srgb)
+
+
+def show(image: ArrayLike, exposure: float = 0.0, srgb: bool = False, finite: bool = True) -> "Image.Image":
+    """Return an (H, W, 3) picture of linear radiance as a Pillow image, which notebooks draw: what `tonemap` makes."""
+    from PIL import Image
+
+    return Image.fromarray(tonemap(image, exposure, srgb, finite))
+
+
+def _levels(pixels: Pixels, srgb: bool) -> Levels:
+    encoded = color.srgb_encode(pixels) if srgb else color.gamma_encode(pixels)
+    shown = np.where(np.isnan(encoded), 0, encoded)
+    return np.rint(255 * np.clip(shown, 0, 1)).astype(np.uint8)
+
+
 def _write_png(file: BinaryIO, pixels: Pixels, srgb: bool) -> None:
     from PIL import Image
 
-    encoded = color.srgb_encode(pixels) if srgb else color.gamma_encode(pixels)
-    shown = np.where(np.isnan(encoded), 0, encoded)
-    levels = np.rint(255 * np.clip(shown, 0, 1)).astype(np.uint8)
-    Image.fromarray(levels).save(file, format="PNG")
+    Image.fromarray(_levels(pixels, srgb)).save(file, format="PNG")
 
 
 def _write_exr(file: BinaryIO, pixels: Pixels, srgb: bool) -> None:

@@ -38,6 +38,9 @@ class Pair(Protocol):
     def together(self) -> tuple[int, int]:
         """How many arguments of a batch share one evaluation, forward and transposed."""
 
+    def parted(self, moved: Sequence[int]) -> "Sequence[tuple[Pair, list[int]]]":
+        """Return the numbers of the constants that move, each with the pair whose derivative in them is wanted."""
+
     def forward(self, constants: Leaves, x: Leaves) -> Leaves:
         """Return y."""
 
@@ -61,6 +64,9 @@ class _Swapped(NamedTuple):
     @property
     def together(self) -> tuple[int, int]:
         return self.pair.together[::-1]
+
+    def parted(self, moved: Sequence[int]) -> Sequence[tuple[Pair, list[int]]]:
+        return [(_Swapped(pair), numbers) for pair, numbers in self.pair.parted(moved)]
 
     def forward(self, constants: Leaves, x: Leaves) -> Leaves:
         return self.pair.transpose(constants, x)
@@ -87,6 +93,9 @@ class _Many(NamedTuple):
     def together(self) -> tuple[int, int]:
         return self.pair.together
 
+    def parted(self, moved: Sequence[int]) -> Sequence[tuple[Pair, list[int]]]:
+        return [(_Many(pair, self.n), numbers) for pair, numbers in self.pair.parted(moved)]
+
     def forward(self, constants: Leaves, x: Leaves) -> Leaves:
         return _in_groups(partial(self.pair.forward, constants), x, self.together[0])
 
@@ -102,8 +111,9 @@ def apply_linear(pair: Pair, constants: Sequence[Array], x: Sequence[Array], dev
     """Return pair.forward(constants, x), whose derivative in x is itself and whose transpose is pair.transpose.
 
     Batches over x alone share the work that x does not enter; batches over constants run one after the other.
-    Derivatives in the constants are those of pair.forward itself. The functions are traced where they are compiled and
-    not before; devices: any program that runs on their devices, by which JAX finds them.
+    Derivatives in the constants are those of the forward functions that pair.parted has for them. The functions are
+    traced where they are compiled and not before; devices: any program that runs on their devices, by which JAX finds
+    them.
     """
     return _linear.bind(*constants, *x, pair=pair, n=len(constants), devices=devices)
 
@@ -125,15 +135,15 @@ def _differentiate(
         x = [instantiate_zeros(t) for t in tangents[n:]]
         parts.append(_linear.bind(*primals[:n], *x, pair=pair, n=n, devices=devices))
     moved = [i for i in range(n) if type(tangents[i]) is not Zero]
-    if moved:
+    for part, numbers in pair.parted(moved) if moved else ():
 
-        def moved_constants(*values: Array) -> Leaves:
+        def moved_constants(*values: Array, part: Pair = part, numbers: list[int] = numbers) -> Leaves:
             constants = list(primals[:n])
-            for i, value in zip(moved, values, strict=True):
+            for i, value in zip(numbers, values, strict=True):
                 constants[i] = value
-            return pair.forward(constants, list(primals[n:]))
+            return part.forward(constants, list(primals[n:]))
 
-        change = jax.jvp(moved_constants, [primals[i] for i in moved], [tangents[i] for i in moved])[1]
+        change = jax.jvp(moved_constants, [primals[i] for i in numbers], [tangents[i] for i in numbers])[1]
         parts.append(_forwards.bind(*change))
     return y, [sum(terms[1:], terms[0]) for terms in zip(*parts, strict=True)]
 

@@ -21,6 +21,7 @@ from jax.stages import Compiled
 from jaxrt.programs.jax_files import lend_jax_files
 from jaxrt.programs.kept import SUFFIX, file_of, read_program, write_program
 from jaxrt.programs.key import key_of
+from jaxrt.programs.matching import matching
 from jaxrt.programs.private import NotPrivate, cache_folder, private_folder
 from jaxrt.programs.trial import on_trial
 from jaxrt.scene import Scene
@@ -69,7 +70,7 @@ def _kept_or_compiled(folder: Path, key: bytes, arguments: Arguments, plan: Plan
     # Only what has run is kept
     jax.block_until_ready(program(*arguments))
     with suppress(OSError):
-        write_program(file, key, serialize(program)[0])
+        write_program(file, key, matching(serialize(program)[0]))
         _forget_oldest(folder)
     return program
 

@@ -10,11 +10,12 @@ import stat
 from contextlib import suppress
 from pathlib import Path
 
+CHOOSE = "set XDG_CACHE_HOME to a folder of yours"
 OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 OPEN = getattr(os, "O_PATH", os.O_RDONLY) | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 
 
-class NotPrivate(Exception):
+class NotPrivate(ValueError):
     """A folder whose files might be another's: one line with the culprit and the remedy."""
 
 
@@ -26,37 +27,38 @@ def cache_folder() -> Path:
     given = os.environ.get("XDG_CACHE_HOME", "")
     base = given if os.path.isabs(given) else os.path.expanduser("~/.cache")
     if not os.path.isabs(base):
-        raise NotPrivate("no home folder is known: set XDG_CACHE_HOME to a folder of yours")
+        raise NotPrivate(f"no home folder is known: {CHOOSE}")
     return Path(os.path.normpath(base), "jaxrt")
 
 
-def private_folder(path: Path) -> Path:
+def private_folder(path: Path, choose: str = CHOOSE) -> Path:
     """Return `path`, an absolute one: a folder of mode 0700 that belongs to the user, made if there is none.
 
-    Raises NotPrivate where a part of the path is a link, belongs to another, or may be written by others. A folder such
-    as /tmp, where all may write but nobody may rename what is another's, may hold folders of the user.
+    choose: the remedy where the folder will not do. Raises NotPrivate where a part of the path is a link, belongs to
+    another, or may be written by others. A folder such as /tmp, where all may write but nobody may rename what is
+    another's, may hold folders of the user.
     """
     if not path.is_absolute() or ".." in path.parts:
-        raise NotPrivate(f"{path}: is not absolute: set XDG_CACHE_HOME to a folder of yours")
+        raise NotPrivate(f"{path}: is not absolute: {choose}")
     place = Path(path.anchor)
     folder = os.open(place, OPEN)
     try:
-        shared = _check(place, folder, shared=False)
+        shared = _check(place, folder, False, choose)
         for name in path.parts[1:]:
             place /= name
-            inner = _enter(place, folder)
+            inner = _enter(place, folder, choose)
             os.close(folder)
             folder = inner
-            shared = _check(place, folder, shared)
-        _check_last(path, folder)
+            shared = _check(place, folder, shared, choose)
+        _check_last(path, folder, choose)
     except OSError as error:
-        raise NotPrivate(f"{place}: {error.strerror}: set XDG_CACHE_HOME to a folder of yours") from None
+        raise NotPrivate(f"{place}: {error.strerror}: {choose}") from None
     finally:
         os.close(folder)
     return path
 
 
-def _enter(place: Path, outer: int) -> int:
+def _enter(place: Path, outer: int, choose: str) -> int:
     """Open the folder, made if there is none. Raises NotPrivate for a link."""
     try:
         os.stat(place.name, dir_fd=outer, follow_symlinks=False)
@@ -68,31 +70,31 @@ def _enter(place: Path, outer: int) -> int:
     except OSError as error:
         if error.errno not in (errno.ELOOP, errno.ENOTDIR):
             raise
-        raise NotPrivate(f"{place}: is a link or no folder: set XDG_CACHE_HOME to a folder of yours, no link") from None
+        raise NotPrivate(f"{place}: is a link or no folder: {choose}, no link") from None
 
 
-def _check(place: Path, folder: int, shared: bool) -> bool:
+def _check(place: Path, folder: int, shared: bool, choose: str) -> bool:
     """Return whether others may make files in the folder. Raises NotPrivate where they could change ours.
 
     shared: whether they may make files in the folder around it.
     """
     found = os.fstat(folder)
     if found.st_uid != os.getuid() and (shared or found.st_uid != 0):
-        raise NotPrivate(f"{place}: belongs to another user: set XDG_CACHE_HOME to a folder of yours")
+        raise NotPrivate(f"{place}: belongs to another user: {choose}")
     open_to_all = bool(found.st_mode & OTHERS_WRITE)
     if open_to_all and not found.st_mode & stat.S_ISVTX:
         raise NotPrivate(f"{place}: others may write in it: remove it if it is jaxrt's own, else chmod go-w it")
     return open_to_all
 
 
-def _check_last(path: Path, folder: int) -> None:
+def _check_last(path: Path, folder: int, choose: str) -> None:
     """Let nobody but the user look into the folder. Raises NotPrivate where others could write in it until now."""
     found = os.fstat(folder)
     if found.st_uid != os.getuid():
-        raise NotPrivate(f"{path}: belongs to another user: set XDG_CACHE_HOME to a folder of yours")
+        raise NotPrivate(f"{path}: belongs to another user: {choose}")
     if found.st_mode & OTHERS_WRITE:
         raise NotPrivate(f"{path}: others may write in it: remove it")
     if stat.S_IMODE(found.st_mode) != 0o700:
         os.chmod(".", 0o700, dir_fd=folder)
     if not os.access(".", os.W_OK, dir_fd=folder):
-        raise NotPrivate(f"{path}: is not writable: set XDG_CACHE_HOME to a folder of yours")
+        raise NotPrivate(f"{path}: is not writable: {choose}")

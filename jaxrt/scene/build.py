@@ -21,6 +21,7 @@ from jaxrt.lights import lights_of
 from jaxrt.scene.checks import check_memory, warnings_of
 from jaxrt.scene.lights import order_of_lights
 from jaxrt.scene.materials import list_materials
+from jaxrt.scene.names import names_of
 from jaxrt.scene.record import NoSceneError, Scene
 from jaxrt.shapes import Spheres, Triangles, lost_digits, mesh_edges, topology_of
 
@@ -55,6 +56,7 @@ def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = 
         order=listed.order | order_of_lights(description.lights, lights),
         origin=jnp.asarray(origin, dtype) if origin.any() else None,
         defaults=description.render,
+        names=names_of(description),
     )
     devices = default_devices()
     return scene if len(devices) == 1 else everywhere(scene, devices)

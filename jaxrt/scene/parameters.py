@@ -2,28 +2,52 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, overload
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 from jax.typing import ArrayLike
 
-from jaxrt.description import SceneError, nearest
+from jaxrt.description import SceneError
 from jaxrt.kernels.native import local
 from jaxrt.scene.lights import light_parameters, with_light_parameters
 from jaxrt.scene.materials import material_parameters, with_material_parameters
 from jaxrt.scene.measures import measure
+from jaxrt.scene.names import Row, rows_called
 from jaxrt.scene.record import Scene, check_scene
 
 
-def parameters(scene: Scene) -> dict[str, Array]:
+def names(scene: Scene) -> dict[str, tuple[str, ...]]:
+    """Return what rows of the scene's parameters can be called, by parameter: those that have names, in file order.
+
+    So `materials.albedo` has the names of the materials with an albedo, `meshes.vertices` those of meshes, each for all
+    of its vertices. Names are kept beside what is computed: a renamed scene compiles nothing, and inside of a function
+    under `jax.jit` that takes a scene as an argument the names are those of the first scene.
+    """
+    check_scene(scene)
+    return {name: called for name in parameters(scene) if (called := tuple(scene.names.of(name)))}
+
+
+@overload
+def parameters(scene: Scene) -> dict[str, Array]: ...
+
+
+@overload
+def parameters(scene: Scene, selector: str) -> Array: ...
+
+
+def parameters(scene: Scene, selector: str | None = None) -> dict[str, Array] | Array:
     """Return the scene's parameters by name, in the user's coordinates and the order of the scene file.
 
     lights.position (n, 3), lights.intensity (n, 3), lights.radius (n,), materials.albedo (m, 3) of diffuse and mirror
     materials, materials.ior (g,), and so on, one for each field of materials, spheres.center (s, 3), spheres.radius
     (s,), meshes.vertices (v, 3), camera.position (3,), camera.target (3,), camera.fov () in degrees,
     environment.radiance (3,). Only what the scene has is there: no `lights.radius` where every light is a point.
+
+    selector: return the values that it names instead: `camera.fov`, `lights.position[0]` (3,), or by name (see
+    `jaxrt.names`) `materials.albedo[ball]` (3,) and `meshes.vertices[mug]` (v, 3). Raises SceneError for what is not
+    there.
     """
     check_scene(scene)
     scene = local(scene)
@@ -37,24 +61,44 @@ def parameters(scene: Scene) -> dict[str, Array]:
     p |= {f"camera.{field}": getattr(scene.camera, field) for field in scene.camera.kind.parameters}
     if scene.environment is not None:
         p["environment.radiance"] = scene.environment
-    return {name: value + _shift(scene, name, value) for name, value in p.items()}
+    values = {name: value + _shift(scene, name, value) for name, value in p.items()}
+    if selector is None:
+        return values
+    name, row = rows_called(scene.names, selector, values)
+    return values[name] if row is None else values[name][row]
 
 
 def with_parameters(scene: Scene, changes: Mapping[str, ArrayLike]) -> Scene:
     """Return the scene with some parameters changed: pure, and differentiable in the new values.
 
-    Values are not checked for range: they may be tracers. Raises SceneError for unknown names and wrong shapes.
+    changes: by name, or by selector as for `parameters`: `{"materials.albedo[ball]": [0.8, 0.2, 0.2]}`. Values are not
+    checked for range: they may be tracers. Raises SceneError for unknown names and rows, wrong shapes, and what is
+    changed twice.
     """
     check_scene(scene)
     scene = local(scene)
     old = parameters(scene)
-    for name, value in changes.items():
-        if name not in old:
-            raise SceneError(f"{name}: the scene has no such parameter{nearest(name, old)}")
-        if np.shape(value) != old[name].shape:
-            raise SceneError(f"{name}: shape {np.shape(value)}, want {old[name].shape} as in parameters(scene)")
-    new = {name: jnp.asarray(value, scene.dtype) for name, value in changes.items()}
+    new: dict[str, Array] = {}
+    seen: dict[str, list[range]] = {}
+    for text, value in changes.items():
+        name, row = rows_called(scene.names, text, old)
+        wanted = old[name] if row is None else old[name][row]
+        if np.shape(value) != wanted.shape:
+            raise SceneError(f"{text}: shape {np.shape(value)}, want {wanted.shape} as in parameters(scene)")
+        rows = _rows(row, old[name])
+        if any(max(rows.start, other.start) < min(rows.stop, other.stop) for other in seen.setdefault(name, [])):
+            raise SceneError(f"{text}: is changed twice: name each row of {name} once")
+        seen[name].append(rows)
+        changed = jnp.asarray(value, scene.dtype)
+        new[name] = changed if row is None else new.get(name, old[name]).at[row].set(changed)
     return _assign(scene, {name: value - _shift(scene, name, value) for name, value in new.items()})
+
+
+def _rows(row: Row | None, value: Array) -> range:
+    """Return the rows of a parameter's value that are meant; what has no rows counts as one."""
+    if isinstance(row, int):
+        return range(row, row + 1)
+    return range(row.start, row.stop) if row else range(value.shape[0] if value.ndim else 1)
 
 
 def _shift(scene: Scene, name: str, value: Array) -> Array:

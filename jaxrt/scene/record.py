@@ -10,6 +10,7 @@ from jaxrt.core.pytree import dtype_of, pytree, static
 from jaxrt.description import RenderDefaults, SceneError, show
 from jaxrt.lights import Lights
 from jaxrt.materials import Materials
+from jaxrt.scene.names import Names
 from jaxrt.shapes import Spheres, Triangles
 
 
@@ -27,6 +28,7 @@ class Scene:
     order: dict[str, Array] | None  # (m,) int32: row among (materials, idle), or lights, of each in the file's order
     origin: Array | None  # (3,) user's coordinates of this scene's origin; None: the same
     defaults: RenderDefaults = static()  # what `render` uses for spp and max_depth when not told
+    names: Names = static(default=Names())  # of rows; equal to any other
 
     @property
     def eye(self) -> Array | None:
@@ -53,4 +55,4 @@ def check_scene(scene: object) -> None:
 
 def drawn(scene: Scene) -> Scene:
     """Return what a picture depends on: scenes that differ in the rest share a program."""
-    return replace(scene, idle=None, order=None, origin=None, defaults=RenderDefaults())
+    return replace(scene, idle=None, order=None, origin=None, defaults=RenderDefaults(), names=Names())

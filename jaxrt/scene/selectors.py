@@ -32,15 +32,15 @@ class Selector(NamedTuple):
 def parse_selector(text: str, scene: Scene, description: SceneDescription | None = None) -> Selector:
     """Return the parameter and row that a text such as `lights.position[0]` names.
 
-    A row of `materials` may go by the material's name, if the description is there to tell; a single row may be left
-    out. Raises SceneError for unknown names and rows.
+    A row may go by its name; a single row may be left out. description: whose materials' names count, by default the
+    scene's. Raises SceneError for unknown names and rows.
     """
     match = _SELECTOR.fullmatch(text.strip())
     if match is None:
         raise SceneError(f"{text}: is no parameter: write NAME or NAME[ROW], as in lights.position[0]")
     row = match["row"]
     if row is not None and not re.fullmatch(r"[+-]?\d+", row):
-        return select(scene, match["name"], _row_of_material(match["name"], row, scene, description))
+        return select(scene, match["name"], _row_called(match["name"], row, scene, description))
     return select(scene, match["name"], None if row is None else int(row))
 
 
@@ -77,11 +77,19 @@ def place_in_file(description: SceneDescription, selector: Selector) -> int:
     return [i for i, light in enumerate(description.lights) if field in LIGHTS.kind_of(light).parameters][selector.row]
 
 
-def _row_of_material(name: str, row: str, scene: Scene, description: SceneDescription | None) -> int:
+def _row_called(name: str, row: str, scene: Scene, description: SceneDescription | None) -> int:
     select(scene, name, 0 if has_rows(name) else None)
-    if not name.startswith("materials.") or description is None:
-        raise SceneError(f"{name}[{row}]: {show(row)} is not a row's number: write {name}[0] for the first")
-    names = material_names(description, name)
-    if row not in names:
-        raise SceneError(f"{name}[{row}]: no material of that name{nearest(row, names)}")
-    return list(names).index(row)
+    if not has_rows(name):
+        raise SceneError(f"{name}[{row}]: {name} has no rows: write {name}")
+    called = scene.names.of(name)
+    if name.startswith("materials.") and description is not None:
+        called = {called: i for i, called in enumerate(material_names(description, name))}
+    if row not in called:
+        what = f"no {name.partition('.')[0].rstrip('s')} of that name{nearest(row, called)}"
+        raise SceneError(f"{name}[{row}]: {what if called else f'{show(row)} is not a row number: write {name}[0]'}")
+    found = called[row]
+    if isinstance(found, slice):
+        raise SceneError(
+            f"{name}[{row}]: has {found.stop - found.start} rows: choose one, from {name}[{found.start}] on"
+        )
+    return found

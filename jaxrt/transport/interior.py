@@ -6,6 +6,7 @@ the transpose of the other.
 """
 
 import math
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -74,16 +75,39 @@ def _draw(tables: Tables, run: Run, plan: Plan) -> Array:
 @partial(draw.defjvp, symbolic_zeros=True)
 def _draw_jvp(plan: Plan, primals: tuple[Tables, Run, Run], tangents: tuple[Any, Any, Any]) -> tuple[Array, Array]:
     tables, run, gradient_run = primals
-    changes = jax.tree.leaves_with_path(tangents[0], is_leaf=lambda x: isinstance(x, SymbolicZero))
-    moved = [i for i, (_, change) in enumerate(changes) if not isinstance(change, SymbolicZero)]
-    attached = any(_turns_light([key.name for key in changes[i][0] if hasattr(key, "name")]) for i in moved)
+    changes = jax.tree.leaves(tangents[0], is_leaf=lambda x: isinstance(x, SymbolicZero))
+    moved = [i for i, change in enumerate(changes) if not isinstance(change, SymbolicZero)]
     constants, structure = jax.tree.flatten((tables, gradient_run))
-    shapes = tuple(jax.ShapeDtypeStruct(constants[i].shape, constants[i].dtype) for i in moved)
-    pair = _Derivative(plan, structure, _size(tables), shapes, tuple(moved), attached)
     total = draw(tables, run, gradient_run, plan)
+    parts = []
+    own = _own(tables)
+    for numbers, attached in _parted(moved, own):
+        shapes = tuple(jax.ShapeDtypeStruct(constants[i].shape, constants[i].dtype) for i in numbers)
+        pair = _Derivative(plan, structure, _size(tables), shapes, tuple(numbers), own, attached)
+        parts += apply_linear(pair, constants, [changes[i] for i in numbers], program_on(plan.devices))
     share = (run.end - run.first) / (gradient_run.end - gradient_run.first)
-    change = apply_linear(pair, constants, [changes[i][1] for i in moved], program_on(plan.devices))[0]
-    return total, change * share.astype(total.dtype)
+    return total, sum(parts[1:], parts[0]) * share.astype(total.dtype)
+
+
+def _own(tables: Tables) -> frozenset[int]:
+    """Return the numbers of the leaves whose derivatives keep the picture's own light samples.
+
+    Theirs is the derivative of the very picture that is drawn. All are such where every light is a point.
+    """
+    points = tables.lights is None or tables.lights.lights.radius is None
+    paths = [[key.name for key in path if hasattr(key, "name")] for path, _ in jax.tree.leaves_with_path(tables)]
+    return frozenset(i for i, path in enumerate(paths) if points or not _turns_light(path))
+
+
+def _parted(moved: Sequence[int], own: frozenset[int]) -> Iterator[tuple[list[int], bool]]:
+    """Yield the leaves that move by how light is sampled for their derivatives, and whether that is attached.
+
+    What is asked beside a parameter so does not change its derivative.
+    """
+    for attached in (False, True):
+        numbers = [i for i in moved if (i not in own) == attached]
+        if numbers:
+            yield numbers, attached
 
 
 def _turns_light(path: list[str]) -> bool:
@@ -103,6 +127,7 @@ class _Derivative(NamedTuple):
     size: tuple[int, int]
     x: Shapes  # of the moved leaves
     moved: tuple[int, ...]  # their numbers
+    own: frozenset[int]
     attached: bool
 
     @property
@@ -112,6 +137,11 @@ class _Derivative(NamedTuple):
     @property
     def y(self) -> Shapes:
         return (jax.ShapeDtypeStruct((self.size[1], self.size[0], 3), self.x[0].dtype),)
+
+    def parted(self, moved: Sequence[int]) -> "list[tuple[_Derivative, list[int]]]":
+        if self.attached:
+            return [(self, list(moved))]
+        return [(self._replace(attached=attached), numbers) for numbers, attached in _parted(moved, self.own)]
 
     def forward(self, constants: Leaves, changes: Leaves) -> Leaves:
         return [draw_packets(self._tangent, (constants, changes), self.size, self.plan)]

@@ -1,0 +1,99 @@
+"""What the rows of parameters can be called: `materials.albedo[ball]`, `meshes.vertices[mug]`.
+
+Names are no part of what is computed. They compare equal whatever they say, so that a renamed scene has the structure
+of the one before, and finds its programs.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import jax
+
+from jaxrt.description import SceneDescription, SceneError, nearest, show
+from jaxrt.description.kinds import LIGHTS, MATERIALS
+from jaxrt.scene.measures import has_rows
+
+SELECTOR = re.compile(r"(?P<name>[^\[\]]+)(\[(?P<row>.+)\])?")
+Row = int | slice
+
+
+class Names:
+    """The rows that have names: parameter, or owner of parameters, to name to row, or rows."""
+
+    def __init__(self, rows: Mapping[str, Mapping[str, Row]] | None = None) -> None:
+        self.rows = rows or {}
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Names)
+
+    def __hash__(self) -> int:
+        return 0
+
+    def __repr__(self) -> str:
+        return "Names()"  # a program's key holds it
+
+    def of(self, parameter: str) -> Mapping[str, Row]:
+        """Return the named rows of a parameter."""
+        owner = parameter.partition(".")[0]
+        return self.rows.get(parameter) or self.rows.get(owner) or {}
+
+
+def names_of(scene: SceneDescription) -> Names:
+    """Return the names in a description: of materials, of spheres, lights and meshes that have one.
+
+    A mesh without one goes by its file's name without suffix where no other does, or else by `mesh0`, `mesh1`, ….
+    """
+    fields: dict[str, list[str | None]] = {"spheres": [sphere.name for sphere in scene.spheres]}
+    for name, material in scene.materials.items():
+        for field in MATERIALS.kind_of(material).parameters:
+            fields.setdefault(f"materials.{field}", []).append(name)
+    for light in scene.lights:
+        for field in LIGHTS.kind_of(light).parameters:
+            fields.setdefault(f"lights.{field}", []).append(getattr(light, "name", None))
+    rows: dict[str, Mapping[str, Row]] = {
+        key: {name: i for i, name in enumerate(names) if name is not None} for key, names in fields.items()
+    }
+    rows["meshes.vertices"] = dict(_meshes(scene))
+    return Names(rows)
+
+
+def _meshes(scene: SceneDescription) -> Iterator[tuple[str, slice]]:
+    """Yield each mesh's name and vertices."""
+    given = [mesh.name for mesh in scene.meshes]
+    stems = [None if mesh.file is None else Path(mesh.file).stem for mesh in scene.meshes]
+    count = Counter([*given, *(stem for name, stem in zip(given, stems, strict=True) if name is None)])
+    first = 0
+    for i, mesh in enumerate(scene.meshes):
+        stem = stems[i]
+        name = given[i] or (stem if stem and count[stem] == 1 else f"mesh{i}")
+        if given[i] or name not in given:
+            yield name, slice(first, first + len(mesh.vertices))
+        first += len(mesh.vertices)
+
+
+def rows_called(names: Names, text: str, parameters: Mapping[str, jax.Array]) -> tuple[str, Row | None]:
+    """Return the parameter and the row, or rows, that a text such as `lights.position[0]` or `[lamp]` names.
+
+    None for all of a parameter. parameters: those of the scene. Raises SceneError for what is not there.
+    """
+    match = SELECTOR.fullmatch(text.strip()) if isinstance(text, str) else None
+    if match is None:
+        raise SceneError(f"{show(text)}: is no parameter: write NAME or NAME[ROW], as in lights.position[0]")
+    name, row = match["name"], match["row"]
+    if name not in parameters:
+        raise SceneError(f"{name}: the scene has no such parameter{nearest(name, parameters)}")
+    if row is None:
+        return name, None
+    if not has_rows(name):
+        raise SceneError(f"{name}[{row}]: {name} has no rows: write {name}")
+    called = names.of(name)
+    if row in called:
+        return name, called[row]
+    n = parameters[name].shape[0]
+    if re.fullmatch(r"[+-]?\d{1,18}", row):
+        if not 0 <= int(row) < n:
+            raise SceneError(f"{name}[{row}]: no such row: use {name}[0]" + (f" to {name}[{n - 1}]" if n > 1 else ""))
+        return name, int(row)
+    raise SceneError(f"{name}[{row}]: no row of that name{nearest(row, called)}")
