@@ -1,4 +1,8 @@
-"""The radiance along one camera ray: a walk of `max_depth` scattering events, with light sampling at diffuse ones."""
+"""The radiance along one camera ray: a walk of `max_depth` scattering events, with light samples.
+
+Mirrors and glass, which reflect in single directions, get none. At surfaces that are neither that nor lambertian, light
+samples and scattered rays share in finding sphere lights (Veach 1997, §9.2); code for these is there if they are.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -193,7 +197,7 @@ def _direct(
 def _glossy(attached: bool, tables: Tables, point: SurfacePoint, wo: Array, sample: LightSample) -> Array:
     """Return f cosθ (3,) of a light sample at a glossy surface, times its share in finding the light.
 
-    Scattered rays find sphere lights and skies too. Both ways are weighed by their densities (Veach 1997, §9.2.2).
+    Scattered rays find sphere lights and skies too: both ways are weighed by their densities.
     """
     value, pdf = evaluate(tables.materials, point, wo, sample.direction)
     assert tables.lights is not None
