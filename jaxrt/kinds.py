@@ -9,7 +9,20 @@ from jaxrt.core.sampling import (
     sample_cosine_hemisphere,
     sample_uniform_sphere,
 )
-from jaxrt.description.fields import Albedo, Angle, Direction, Fraction, Ior, Place, Positive, Radius, Real, Rgb
+from jaxrt.description.fields import (
+    Albedo,
+    Angle,
+    Direction,
+    Fraction,
+    Ior,
+    LightRadius,
+    Place,
+    Positive,
+    Radius,
+    Real,
+    Rgb,
+    Up,
+)
 from jaxrt.description.kinds import camera, light, material
 from jaxrt.description.values import Measure, require
 
@@ -19,6 +32,7 @@ __all__ = [
     "Direction",
     "Fraction",
     "Ior",
+    "LightRadius",
     "Measure",
     "Place",
     "Positive",
@@ -27,6 +41,7 @@ __all__ = [
     "Real",
     "Rgb",
     "SurfacePoint",
+    "Up",
     "around",
     "camera",
     "dot",

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import jaxrt
-from jaxrt.cameras import Pinhole, view_of
+from jaxrt.cameras import view_of
+from jaxrt.cameras.pinhole import Pinhole
 
 
 def camera(position=(0, 0, 0), target=(0, 0, -1), up=(0, 1, 0), fov=60.0, width=6, height=4):

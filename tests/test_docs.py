@@ -14,7 +14,7 @@ from PIL import Image
 import jaxrt
 from jaxrt.cli import main
 from jaxrt.description import fields
-from jaxrt.description.kinds import MATERIALS
+from jaxrt.description.kinds import CAMERAS, LIGHTS, MATERIALS
 
 ROOT = Path(__file__).parent.parent
 COMMANDS = runpy.run_path(str(ROOT / "docs/draw_gallery.py"))["commands"]()
@@ -70,20 +70,22 @@ def test_compiling_snippet(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_own_kinds_snippet() -> None:
-    (snippet,) = blocks("docs/own-kinds.md", "python")
+    snippets = blocks("docs/own-kinds.md", "python")
     names: dict[str, Any] = {"__name__": "notebook"}
     try:
-        exec(snippet, names)
+        for snippet in snippets:
+            exec(snippet, names)
         assert float(names["slope"](jaxrt.parameters(names["scene"])["materials.fuzz"])[0]) > 0
     finally:
-        MATERIALS.kinds.pop("velvet", None)
+        for family, name in ((MATERIALS, "velvet"), (LIGHTS, "spotlight"), (CAMERAS, "plan")):
+            family.kinds.pop(name, None)
 
 
 def test_pages_tell_of_every_kind_and_field() -> None:
     scene_file, own = (ROOT / "docs/scene-format.md").read_text(), (ROOT / "docs/own-kinds.md").read_text()
-    for kind in MATERIALS.kinds.values():
+    for kind in (kind for family in (MATERIALS, LIGHTS, CAMERAS) for kind in family.kinds.values()):
         if kind.place.startswith("jaxrt."):
-            for word in (f'"{kind.name}"', *kind.measures):
+            for word in (f'"{kind.name}"', *kind.measures, *kind.settings):
                 assert word in scene_file, f"docs/scene-format.md: tell of {kind.name}: {word}"
     for name in fields.__all__:
         assert f"`{name}`" in own, f"docs/own-kinds.md: tell of {name}"

@@ -32,6 +32,7 @@ from jaxrt.kinds import (
     sample_uniform_sphere,
 )
 from jaxrt.scene.selectors import parse_selector, place_in_file
+from tests.own_kinds import Chalk
 
 
 @jaxrt.light
@@ -162,26 +163,34 @@ def on_floor(ground, zenith, toward, irradiance):
     return ALBEDO / jnp.pi * (sky + irradiance * toward[1] / jnp.linalg.norm(toward))
 
 
-def test_a_sky_and_a_sun_before_a_camera_of_parallel_rays():
-    """Light samples find both on the floor, rays that miss see the sky; derivatives are those of the closed form."""
-    scene = jaxrt.build(OUTDOORS)
+def test_a_sky_and_a_sun_before_a_camera_of_parallel_rays() -> None:
+    """Light samples find both on the floor, and rays that miss see the sky; derivatives are those of the closed form.
+
+    One half of the floor is of a kind that scattered rays find the sky from too: both ways together count it once.
+    """
+    chalk = {"type": Chalk.kind.name, "albedo": ALBEDO.tolist()}
+    under = OUTDOORS["triangles"][0], OUTDOORS["triangles"][1] | {"material": "chalk"}
+    scene = jaxrt.build({**OUTDOORS, "materials": {**WHITE, "chalk": chalk}, "triangles": under})
     p = jaxrt.parameters(scene)
     names = ["lights.ground", "lights.zenith", "lights.toward", "lights.irradiance"]
     assert {*names, "camera.position", "camera.scale"} <= p.keys()
     assert p["lights.zenith"].shape == (1, 3) and p["camera.scale"].shape == ()
 
-    def left(values):
-        picture = jaxrt.render(
-            jaxrt.with_parameters(scene, dict(zip(names, values, strict=True))), 0, spp=256, max_depth=1
-        )
-        return jnp.mean(picture[:, :4], (0, 1)), picture
+    def left(values: list[jax.Array]) -> tuple[jax.Array, jax.Array]:
+        changes = dict(zip(names, values, strict=True))
+        picture = jaxrt.render(jaxrt.with_parameters(scene, changes), 0, spp=256, max_depth=1)
+        return jnp.mean(picture[:, :4], (0, 1)) @ jnp.arange(1.0, 4.0), picture
 
     values = [p[name] for name in names]
-    (mean, picture), slopes = jax.jvp(left, (values,), (values,))
+    (_, picture), slopes = jax.value_and_grad(left, has_aux=True)(values)
     np.testing.assert_allclose(picture[:, 4:], np.broadcast_to(0.2, (8, 4, 3)), rtol=1e-6)
-    wanted, change = jax.jvp(lambda *v: on_floor(*(x[0] for x in v)), tuple(values), tuple(values))
-    np.testing.assert_allclose(mean, wanted, rtol=0.01)
-    np.testing.assert_allclose(slopes[0], change, rtol=0.01)
+    wanted = on_floor(*(x[0] for x in values))
+    for half in (np.triu(np.ones((8, 8), bool), 1), np.tril(np.ones((8, 8), bool), -1)):
+        half[:, 4:] = False
+        np.testing.assert_allclose(np.asarray(picture)[half].mean(0), wanted, rtol=0.015)
+    change = jax.grad(lambda v: on_floor(*(x[0] for x in v)) @ jnp.arange(1.0, 4.0))(values)
+    for name, slope, want in zip(names, slopes, change, strict=True):
+        np.testing.assert_allclose(slope, want, rtol=0.02, atol=0.02 * float(jnp.max(jnp.abs(want))), err_msg=name)
 
 
 def lamp_over(**camera: Any) -> dict[str, Any]:
@@ -217,11 +226,11 @@ def test_a_torch_before_a_fisheye() -> None:
     assert seen.sum() > 10
     np.testing.assert_allclose(picture[seen], want[seen], rtol=0.03)
     report = jaxrt.gradcheck(
-        scene, "camera.position", 3, component=0, spp=32, max_depth=1, boundary_samples=1024, seeds=2, step=0.03,
-        tolerance=0.05,
+        scene, "camera.position", 3, component=0, spp=256, max_depth=1, boundary_samples=8192, seeds=4, step=0.06,
     )  # fmt: skip
     assert report.coverage.included == ("interior", "shadow edges", "outlines seen by the camera")
-    assert report.verdict == "agrees", str(report)
+    for group in report.components[0].groups:
+        assert group.interior.exceeds(0.05) and not group.total.exceeds(0.05), str(report)
 
 
 def test_a_fit_from_a_scene_file(

@@ -1,6 +1,8 @@
 """Cameras: one file a kind, behind the `View` that the path and the edges read."""
 
 from jaxrt.cameras.interface import Projection, View, projection, view_of
-from jaxrt.cameras.pinhole import Pinhole
+from jaxrt.description.kinds import CAMERAS
 
-__all__ = ["Pinhole", "Projection", "View", "projection", "view_of"]
+__all__ = ["Projection", "View", "projection", "view_of"]
+
+CAMERAS.load("pinhole")

@@ -15,7 +15,7 @@ from jax import Array, lax
 from jax.typing import DTypeLike
 
 from jaxrt.core.maths import dot, safe_divide
-from jaxrt.core.pytree import pytree, static
+from jaxrt.core.pytree import dtype_of, pytree, static
 from jaxrt.core.records import LightSample
 from jaxrt.description.kinds import LIGHTS
 from jaxrt.kernels.gather import take
@@ -25,12 +25,12 @@ from jaxrt.lights.pick import pick, shares_of
 __all__ = [
     "LightTable",
     "Lights",
+    "casters_of",
     "emitted_radiance",
     "intensity_toward",
     "light_table",
     "lights_of",
     "pick",
-    "places_of",
     "row_of",
     "sample_light",
     "sample_light_attached",
@@ -127,7 +127,7 @@ def powers_of(lights: Lights) -> Array:
     told = [power for power in known if power is not None]
     if len(told) == len(known) == 1:
         return told[0]
-    mean = jnp.mean(jnp.concatenate(told)) if told else jnp.ones(())
+    mean = jnp.mean(jnp.concatenate(told)) if told else jnp.ones((), dtype_of(lights))
     powers = zip(known, lights.kinds, strict=True)
     return jnp.concatenate([jnp.full(n, mean) if power is None else power for power, (_, n) in powers])
 
@@ -225,5 +225,5 @@ def sky_radiance(table: LightTable, direction: Array, pdf: Array | None = None) 
 def share_of(table: LightTable, light: Array) -> Array:
     """Return the probability () with which light samples look at a light."""
     if table.pick is None:
-        return jnp.ones(())
+        return jnp.ones((), dtype_of(table))
     return take(table.pick, light) - jnp.where(light > 0, take(table.pick, jnp.maximum(light - 1, 0)), 0)
