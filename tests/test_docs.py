@@ -12,6 +12,7 @@ import pytest
 
 import jaxrt
 from jaxrt.cli import main
+from jaxrt.core.system import usable_cores
 from jaxrt.description import fields
 from jaxrt.description.kinds import MATERIALS
 
@@ -30,7 +31,19 @@ def test_readme_has_two_set_up_commands() -> None:
     assert "jaxrt render scenes/room.toml" in install and "pytest" in test
 
 
-def test_readme_snippet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Let a snippet set up JAX as in a process of its own; return what it has set."""
+    set_up: list[Any] = []
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr("jaxrt.programs.keep._kept", [])
+    monkeypatch.setattr("jaxrt.programs.keep.lend_jax_files", set_up.append)
+    monkeypatch.setattr("jaxrt.programs.keep.gc.freeze", lambda: None)
+    monkeypatch.setattr("jax.config.update", lambda name, value: set_up.append((name, value)))
+    return set_up
+
+
+def test_readme_snippet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fresh: list[Any]) -> None:
     (snippet,) = blocks("README.md", "python")
     assert "spp=4" in snippet
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
@@ -38,6 +51,8 @@ def test_readme_snippet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     names: dict[str, object] = {}
     exec(snippet.replace("spp=4", "spp=1"), names)
     assert (tmp_path / "room.exr").exists() and isinstance(names["brighter"], jaxrt.Scene)
+    assert jaxrt.parameters(names["redder"])["materials.albedo"][6].tolist() == pytest.approx([0.8, 0.2, 0.2])
+    assert fresh == [("jax_num_cpu_devices", usable_cores()), tmp_path / "cache/jaxrt"]
 
 
 def test_derivatives_snippet(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -50,7 +65,7 @@ def test_derivatives_snippet(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_compiling_snippet(monkeypatch: pytest.MonkeyPatch) -> None:
-    (snippet,) = blocks("docs/compiling.md", "python")
+    _, snippet = blocks("docs/compiling.md", "python")
     monkeypatch.chdir(ROOT)
     names: dict[str, Any] = {}
     exec(snippet, names)
@@ -75,6 +90,12 @@ def test_pages_tell_of_every_kind_and_field() -> None:
                 assert word in scene_file, f"docs/scene-format.md: tell of {kind.name}: {word}"
     for name in fields.__all__:
         assert f"`{name}`" in own, f"docs/own-kinds.md: tell of {name}"
+
+
+def test_set_up_snippet(tmp_path: Path, fresh: list[Any]) -> None:
+    snippet, _ = blocks("docs/compiling.md", "python")
+    exec(snippet, {})
+    assert fresh == [("jax_num_cpu_devices", usable_cores()), tmp_path / "cache/jaxrt"]
 
 
 def test_readme_names_every_option() -> None:
