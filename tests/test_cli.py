@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -394,3 +395,10 @@ def test_the_package_shows_its_public_names_whatever_was_imported_before() -> No
     code = "from jaxrt.render import prepare; import jaxrt.gradcheck, jaxrt\nprint(dir(jaxrt), jaxrt.render.__name__)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == f"{sorted([*jaxrt.__all__, '__version__'])} render\n"
+
+
+def test_s5_the_package_says_its_version_and_that_it_has_types() -> None:
+    about = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert jaxrt.__version__ == about["version"]
+    assert f"version: {about['version']}\n" in (ROOT / "CITATION.cff").read_text()
+    assert Path(jaxrt.__file__).with_name("py.typed").exists()

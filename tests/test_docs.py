@@ -13,6 +13,7 @@ from PIL import Image
 
 import jaxrt
 from jaxrt.cli import main
+from jaxrt.core.system import usable_cores
 from jaxrt.description import fields
 from jaxrt.description.kinds import CAMERAS, LIGHTS, MATERIALS
 
@@ -42,7 +43,19 @@ def test_s6_readme_shows_what_its_line_draws_and_tells_its_samples() -> None:
         assert picture.size == (camera.width, camera.height)
 
 
-def test_readme_snippet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Let a snippet set up JAX as in a process of its own; return what it has set."""
+    set_up: list[Any] = []
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr("jaxrt.programs.keep._kept", [])
+    monkeypatch.setattr("jaxrt.programs.keep.lend_jax_files", set_up.append)
+    monkeypatch.setattr("jaxrt.programs.keep.gc.freeze", lambda: None)
+    monkeypatch.setattr("jax.config.update", lambda name, value: set_up.append((name, value)))
+    return set_up
+
+
+def test_readme_snippet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fresh: list[Any]) -> None:
     (snippet,) = blocks("README.md", "python")
     assert "spp=4" in snippet
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
@@ -50,6 +63,8 @@ def test_readme_snippet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     names: dict[str, object] = {}
     exec(snippet.replace("spp=4", "spp=1"), names)
     assert (tmp_path / "room.exr").exists() and isinstance(names["brighter"], jaxrt.Scene)
+    assert jaxrt.parameters(names["redder"])["materials.albedo"][6].tolist() == pytest.approx([0.8, 0.2, 0.2])
+    assert fresh == [("jax_num_cpu_devices", usable_cores()), tmp_path / "cache/jaxrt"]
 
 
 def test_derivatives_snippet(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -62,7 +77,7 @@ def test_derivatives_snippet(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_compiling_snippet(monkeypatch: pytest.MonkeyPatch) -> None:
-    (snippet,) = blocks("docs/compiling.md", "python")
+    _, snippet = blocks("docs/compiling.md", "python")
     monkeypatch.chdir(ROOT)
     names: dict[str, Any] = {}
     exec(snippet, names)
@@ -89,6 +104,12 @@ def test_pages_tell_of_every_kind_and_field() -> None:
                 assert word in scene_file, f"docs/scene-format.md: tell of {kind.name}: {word}"
     for name in fields.__all__:
         assert f"`{name}`" in own, f"docs/own-kinds.md: tell of {name}"
+
+
+def test_set_up_snippet(tmp_path: Path, fresh: list[Any]) -> None:
+    snippet, _ = blocks("docs/compiling.md", "python")
+    exec(snippet, {})
+    assert fresh == [("jax_num_cpu_devices", usable_cores()), tmp_path / "cache/jaxrt"]
 
 
 def test_readme_names_every_option() -> None:

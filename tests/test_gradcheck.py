@@ -90,9 +90,9 @@ def test_wrong_selectors_are_refused(scene, description, text, message):
         parse_selector(text, scene, description)
 
 
-def test_rows_by_number_need_no_description(scene):
+def test_rows_need_no_description(scene):
     assert str(select(scene, "materials.albedo", 1)) == "materials.albedo[1]"
-    assert parse_selector("materials.albedo[white]", scene).row == 0
+    assert parse_selector("materials.albedo[white]", scene).row == 1
 
 
 # Functionals

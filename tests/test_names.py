@@ -33,9 +33,9 @@ def table(lamp="lamp", ball="ball", mug="mug", white="white"):
         "meshes": [
             CORNERS | {"material": white},
             CORNERS | {"material": white, "name": mug, "translate": [1, 2, 3]},
-            CORNERS | {"material": white, "file": "models/jug.obj"},
-            CORNERS | {"material": white, "file": "twice.obj"},
-            CORNERS | {"material": white, "file": "a/twice.ply"},
+            CORNERS | {"material": white, "file": "models/jug.obj", "translate": [2, 4, 6]},
+            CORNERS | {"material": white, "file": "twice.obj", "translate": [3, 6, 9]},
+            CORNERS | {"material": white, "file": "a/twice.ply", "translate": [4, 8, 12]},
         ],
         "lights": [
             {"position": [0, 9, 0], "intensity": 5, "radius": 1},

@@ -104,6 +104,20 @@ def test_defaults_are_the_scenes_own(small_room: jaxrt.Scene, picture: NDArray[n
     np.testing.assert_array_equal(np.asarray(jaxrt.render(scene, 3)), picture)
 
 
+def test_s5_the_size_may_be_asked_for(room: jaxrt.Scene, picture: NDArray[np.float32]) -> None:
+    np.testing.assert_array_equal(draw(room, **SIZE), picture)
+    for size, message in (
+        ({"width": 0}, "^render: width is 0, want at least 1$"),
+        ({"height": 2.5}, "^render: height is 2.5, want a whole number$"),
+        (
+            {"width": 10**7, "height": 10**7},
+            r"^render: camera: image 10000000x10000000 needs .+: lower width or height$",
+        ),
+    ):
+        with pytest.raises(ValueError, match=message):
+            jaxrt.render(room, 0, spp=1, **size)
+
+
 def test_float64_scene(small_room: jaxrt.Scene) -> None:
     with jax.enable_x64(True):
         scene = jaxrt.build(
@@ -130,8 +144,3 @@ def test_float64_scene(small_room: jaxrt.Scene) -> None:
 def test_errors_name_the_culprit(small_room: jaxrt.Scene, options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         jaxrt.render(small_room, 0, **options)
-
-
-def test_use_cpu_cores_refuses_none() -> None:
-    with pytest.raises(ValueError, match="n is 0, want at least 1"):
-        jaxrt.use_cpu_cores(0)
