@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jaxrt.core.messages import SceneError, SceneWarning
+    from jaxrt.fit import fit
     from jaxrt.gradcheck import gradcheck
     from jaxrt.io import load_image, load_mesh, load_scene, save_image
     from jaxrt.kernels.jacobian import jacobian_once
@@ -19,6 +20,7 @@ __all__ = [
     "SceneError",
     "SceneWarning",
     "build",
+    "fit",
     "gradcheck",
     "jacobian_once",
     "load_image",
@@ -33,6 +35,7 @@ __all__ = [
 
 # Where the names are, imported when one is asked for: the command line's help needs neither JAX nor NumPy
 _HOMES = {
+    "fit": ("fit",),
     "gradcheck": ("gradcheck",),
     "io": ("load_image", "load_mesh", "load_scene", "save_image"),
     "kernels.jacobian": ("jacobian_once",),

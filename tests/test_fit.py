@@ -20,8 +20,10 @@ from command import working_folder
 
 import jaxrt
 from jaxrt import cli
-from jaxrt.fit import Fit, FitError, Machine, Problem, Progress, fit, standard_errors, unknowns_of
-from jaxrt.fit.files import load_target, read_progress, write_scene
+from jaxrt.fit import FitError, Machine, Problem, Progress, standard_errors, unknowns_of
+from jaxrt.fit.descent import Found, descend
+from jaxrt.fit.document import write_scene
+from jaxrt.fit.files import load_target, read_progress
 from jaxrt.io.scene_file import read_description
 from jaxrt.scene.selectors import parse_selector
 
@@ -111,23 +113,23 @@ def test_albedos_are_found_by_indirect_light_without_the_bias_of_one_set_of_samp
     names = [f"materials.albedo[{i}]" for i in SEEN]
     unknowns = unknowns_of(scene, {name: parse_selector(name, scene) for name in names})
     grey = jaxrt.with_parameters(scene, {"materials.albedo": truth.at[jnp.array(SEEN)].set(0.5)})
-    answer = fit(Machine(Problem(grey, unknowns, target, jnp.ones_like(target), max_depth=2)), spp=256)
+    answer = descend(Machine(Problem(grey, unknowns, target, jnp.ones_like(target), max_depth=2)), spp=256)
     found = np.stack(list(unknowns.values(answer.vector).values()))
     assert np.abs(found - truth[np.array(SEEN)]).max() <= 0.01, found
 
 
 @pytest.fixture(scope="module")
-def sphere_light() -> tuple[jaxrt.Scene, Machine, Fit]:
+def sphere_light() -> tuple[jaxrt.Scene, Machine, Found]:
     """A sphere light sought by its place and radius: the true scene, and the answer."""
     scene = resized("scenes/ball_under_sphere_light.toml")
     target = jaxrt.render(scene, 1, spp=16 * 1024)
     start = jaxrt.with_parameters(scene, {"lights.position": jnp.array([[2.0, 7.0, 0.0]])})
     machine = machine_of(start, ["lights.position[0]", "lights.radius[0]"], target)
-    return scene, machine, fit(machine, spp=1024)
+    return scene, machine, descend(machine, spp=1024)
 
 
 @pytest.mark.slow
-def test_a_sphere_light_is_found(sphere_light: tuple[jaxrt.Scene, Machine, Fit]) -> None:
+def test_a_sphere_light_is_found(sphere_light: tuple[jaxrt.Scene, Machine, Found]) -> None:
     scene, machine, answer = sphere_light
     truth = jaxrt.parameters(scene)
     found = machine.problem.unknowns.values(answer.vector)
@@ -136,7 +138,7 @@ def test_a_sphere_light_is_found(sphere_light: tuple[jaxrt.Scene, Machine, Fit])
 
 
 @pytest.mark.slow
-def test_a_sphere_light_that_is_found_is_solved(sphere_light: tuple[jaxrt.Scene, Machine, Fit]) -> None:
+def test_a_sphere_light_that_is_found_is_solved(sphere_light: tuple[jaxrt.Scene, Machine, Found]) -> None:
     assert sphere_light[2].verdict.word == "solved"
 
 
@@ -149,7 +151,7 @@ def test_colour_and_light_are_found_together_with_the_scale_fixed() -> None:
     changes = {"lights.position": jnp.array([[1.0, 7.0, 5.0]]), "lights.intensity": jnp.full((1, 3), 150.0)}
     start = jaxrt.with_parameters(scene, {**changes, "materials.albedo": albedo})
     machine = machine_of(start, ["materials.albedo[1]", "lights.position[0]", "lights.intensity[0]"], target)
-    found = machine.problem.unknowns.values(fit(machine, spp=64).vector)
+    found = machine.problem.unknowns.values(descend(machine, spp=64).vector)
     assert np.linalg.norm(found["lights.position[0]"] - truth["lights.position"][0]) <= 0.02 * DIAGONAL
     np.testing.assert_allclose(found["materials.albedo[1]"], truth["materials.albedo"][1], atol=0.02)
     np.testing.assert_allclose(found["lights.intensity[0]"], truth["lights.intensity"][0], rtol=0.02)

@@ -57,8 +57,9 @@ class Unknown(NamedTuple):
         """Return the name of each component."""
         if not self.shape:
             return [self.text]
-        axes = "rgb" if self.text.split("[")[0] in KINDS else "xyz"
-        return [f"{self.text}.{axis}" for axis in axes]
+        axes = "rgb" if self.selector.name in KINDS else "xyz"
+        rows = [f"{self.text}[{i}]" for i in range(self.shape[0])] if len(self.shape) > 1 else [self.text]
+        return [f"{row}.{axis}" for row in rows for axis in axes]
 
 
 class Unknowns(NamedTuple):

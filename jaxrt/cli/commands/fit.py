@@ -2,15 +2,18 @@
 
 import argparse
 
-from jaxrt.cli import start
 from jaxrt.cli.errors import refusing
-from jaxrt.cli.start import present, usable_cores
-from jaxrt.fit.command import run_fit
+from jaxrt.core.extras import require
 
 
 def run(args: argparse.Namespace) -> int:
     """Fit and return the exit status."""
-    start.start_jax(present(args.cores or usable_cores()))
+    # Before anything large is loaded
+    require("fit", "optimistix", "tomlkit", "matplotlib")
+    from jaxrt.cli import start
+    from jaxrt.fit.command import run_fit
+
+    start.start_jax(start.present(args.cores or start.usable_cores()))
     start.check_devices()
     with refusing():
         return run_fit(args)
