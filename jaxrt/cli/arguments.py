@@ -1,9 +1,9 @@
 """The arguments of every command, and what they may be. Nothing here imports JAX or NumPy: help is at once."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from jaxrt.cli.errors import UsageError
 from jaxrt.core.messages import show
@@ -17,6 +17,10 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message}: see {self.prog} --help")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse; a list of names ends where a file is named, so that it may stand before SCENE and TARGET."""
+        return super().parse_known_args(_files_first(args) if "--parameters" in (args or ()) else args, namespace)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -92,6 +96,23 @@ def _add_gradcheck(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", type=_integer(2, COUNT_MAX), default=8, metavar="N", help="for error bars (8)")
     parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of the random numbers (0)")
     parser.add_argument("--cores", type=count, metavar="N", help="CPU cores (all)")
+
+
+def _files_first(words: Sequence[str]) -> list[str]:
+    """Return the words with the files among the names that follow `--parameters` moved to before it."""
+    ordered: list[str] = []
+    place: int | None = None  # of the option, while its names go on
+    for word in words:
+        if word == "--parameters":
+            place = len(ordered)
+        elif word.startswith("-"):
+            place = None
+        if place is not None and Path(word).suffix.lower() in (".toml", ".exr", ".png"):
+            ordered.insert(place, word)
+            place += 1
+        else:
+            ordered.append(word)
+    return ordered
 
 
 def _add_fit(parser: argparse.ArgumentParser) -> None:

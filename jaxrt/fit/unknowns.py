@@ -91,22 +91,24 @@ class Unknowns(NamedTuple):
 
     def values(self, vector: ArrayLike) -> dict[str, Floats]:
         """Return the value of each unknown by the user's name for it."""
-        return {
-            row.text: np.asarray(bounded(row.kind, jnp.asarray(vector)[row.span], self.length), float).reshape(
-                row.shape
-            )
-            for row in self.rows
-        }
+        return {row.text: self._value(row, vector).reshape(row.shape) for row in self.rows}
 
     def slopes(self, vector: ArrayLike) -> Floats:
         """Return d value / d component (k,): what turns standard errors of the vector into those of the values."""
         parts = []
         for row in self.rows:
-            value = np.asarray(bounded(row.kind, jnp.asarray(vector)[row.span], self.length), float)
+            value = self._value(row, vector)
             slope = {"fraction": value * (1 - value), "positive": value, "place": np.full_like(value, self.length)}
             slope["angle"] = value * (1 - value / HALF_TURN)
             parts.append(slope[row.kind])
         return np.concatenate(parts)
+
+    def _value(self, row: Unknown, vector: ArrayLike) -> Floats:
+        """Return the numbers of an unknown as `bounded` does, by NumPy: small programs take long to compile."""
+        u = np.asarray(vector, float)[row.span]
+        if row.kind in ("fraction", "angle"):
+            return (HALF_TURN if row.kind == "angle" else 1) / (1 + np.exp(-u))
+        return np.exp(u) if row.kind == "positive" else self.length * u
 
 
 def bounded(kind: str, u: Array, length: float) -> Array:
