@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,7 +45,7 @@ def answer_of(scene: Scene, problem: Problem, found: Found, missing: Missing) ->
         values=values,
         errors={row.text: spread[row.span].reshape(row.shape) for row in unknowns.rows},
         verdict=verdict,
-        scene=unknowns.apply(scene, jnp.asarray(found.vector)),
+        scene=unknowns.put(scene, list(values.values())),
         before=found.pictures[0],
         after=found.pictures[1],
         history=found.progress.losses,

@@ -80,13 +80,16 @@ class Unknowns(NamedTuple):
 
     def apply(self, scene: Scene, vector: Array) -> Scene:
         """Return the scene with the values that the vector stands for: pure, differentiable in the vector."""
+        return self.put(scene, [bounded(row.kind, vector[row.span], self.length) for row in self.rows])
+
+    def put(self, scene: Scene, values: Sequence[ArrayLike]) -> Scene:
+        """Return the scene with a value for each unknown."""
         old = parameters(scene)
         new: dict[str, Array] = {}
-        for row in self.rows:
+        for row, value in zip(self.rows, values, strict=True):
             name, index = row.selector
-            value = bounded(row.kind, vector[row.span], self.length).reshape(row.shape)
-            whole = new.get(name, old[name])
-            new[name] = value if index is None else whole.at[index].set(value)
+            whole, shaped = new.get(name, old[name]), jnp.reshape(jnp.asarray(value), row.shape)
+            new[name] = shaped if index is None else whole.at[index].set(shaped)
         return with_parameters(scene, new)
 
     def values(self, vector: ArrayLike) -> dict[str, Floats]:
