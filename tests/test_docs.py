@@ -43,7 +43,7 @@ def test_readme_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pyt
     _, snippet = blocks("README.md", "python")
     assert len(snippet.splitlines()) <= 8 and snippet in blocks("docs/inverse.md", "python")
     (tmp_path / "scenes").mkdir()
-    text = (ROOT / "scenes/ball_on_floor.toml").read_text().replace("= 64", "= 16")
+    text = (ROOT / "scenes/ball_on_floor.toml").read_text().replace("= 64", "= 32")
     (tmp_path / "scenes/ball_on_floor.toml").write_text(text)
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
