@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from jaxrt.core.messages import SceneError, SceneWarning
     from jaxrt.description.kinds import camera, light, material
+    from jaxrt.fit import fit
     from jaxrt.gradcheck import gradcheck
     from jaxrt.io import example, load_image, load_mesh, load_scene, save_image
     from jaxrt.io.image import show, tonemap
@@ -25,6 +26,7 @@ __all__ = [
     "build",
     "camera",
     "example",
+    "fit",
     "gradcheck",
     "jacobian_once",
     "keep_programs",
@@ -45,6 +47,7 @@ __all__ = [
 
 # Where the names are, imported when one is asked for: the command line's help needs neither JAX nor NumPy
 _HOMES = {
+    "fit": ("fit",),
     "gradcheck": ("gradcheck",),
     "io": ("example", "load_image", "load_mesh", "load_scene", "save_image"),
     "io.image": ("show", "tonemap"),

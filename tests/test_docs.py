@@ -56,7 +56,7 @@ def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 
 def test_readme_snippet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fresh: list[Any]) -> None:
-    (snippet,) = blocks("README.md", "python")
+    snippet, _ = blocks("README.md", "python")
     assert "spp=4" in snippet
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     monkeypatch.chdir(tmp_path)
@@ -65,6 +65,23 @@ def test_readme_snippet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fresh: 
     assert (tmp_path / "room.exr").exists() and isinstance(names["brighter"], jaxrt.Scene)
     assert jaxrt.parameters(names["redder"])["materials.albedo"][6].tolist() == pytest.approx([0.8, 0.2, 0.2])
     assert fresh == [("jax_num_cpu_devices", usable_cores()), tmp_path / "cache/jaxrt"]
+
+
+def test_readme_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """In at most 8 lines; in a small size, and the same in the guide."""
+    _, snippet = blocks("README.md", "python")
+    assert len(snippet.splitlines()) <= 8 and snippet in blocks("docs/inverse.md", "python")
+    (tmp_path / "scenes").mkdir()
+    text = (ROOT / "scenes/ball_on_floor.toml").read_text().replace("= 64", "= 32")
+    (tmp_path / "scenes/ball_on_floor.toml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    exec(snippet, names)
+    printed, (told,) = capsys.readouterr().out.splitlines(), blocks("README.md", "text")
+    assert [re.sub("[0-9.]+|[+-]", "", line) for line in printed] == [
+        re.sub("[0-9.]+|[+-]", "", line) for line in told.splitlines()
+    ]
+    assert abs(names["answer"].values["lights.intensity[0]"] - 250).max() < 5
 
 
 def test_derivatives_snippet(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -163,7 +180,7 @@ def test_help_runs(command: str, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_inverse_guide(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    (commands,), (snippet,) = blocks("docs/inverse.md", "sh"), blocks("docs/inverse.md", "python")
+    (commands,), (_, snippet) = blocks("docs/inverse.md", "sh"), blocks("docs/inverse.md", "python")
     (tmp_path / "scenes").mkdir()
     text = (ROOT / "scenes/ball_on_floor.toml").read_text().replace("= 64", "= 16")
     (tmp_path / "scenes/ball_on_floor.toml").write_text(text)

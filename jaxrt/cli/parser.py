@@ -42,6 +42,10 @@ class Parser(argparse.ArgumentParser):
             message = choice[1] + nearest(choice[2], re.findall(r"[\w-]+", choice[3]))
         raise UsageError(f"{message}: see {self.prog} --help")
 
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse; a list of names ends where a file is named, so that it may stand before SCENE and TARGET."""
+        return super().parse_known_args(_files_first(args) if "--parameters" in (args or ()) else args, namespace)
+
     def read(self, argv: Sequence[str]) -> argparse.Namespace:
         """Return the arguments; the command's own parser refuses what is left of them. `help X` is `X --help`."""
         first = argv[0] if argv else ""
@@ -83,6 +87,23 @@ class Version(argparse.Action):
 
         print(f"jaxrt {of('jaxrt')} (jax {of('jax')}, jaxlib {of('jaxlib')}, Python {platform.python_version()})")
         parser.exit()
+
+
+def _files_first(words: Sequence[str]) -> list[str]:
+    """Return the words with the files among the names that follow `--parameters` moved to before it."""
+    ordered: list[str] = []
+    place: int | None = None  # of the option, while its names go on
+    for word in words:
+        if word == "--parameters":
+            place = len(ordered)
+        elif word.startswith("-"):
+            place = None
+        if place is not None and Path(word).suffix.lower() in (".toml", ".exr", ".png"):
+            ordered.insert(place, word)
+            place += 1
+        else:
+            ordered.append(word)
+    return ordered
 
 
 class _Formatter(argparse.RawDescriptionHelpFormatter):

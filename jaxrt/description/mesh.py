@@ -127,6 +127,10 @@ class MeshDescription(Table):
                 placed = placed @ _rotation(self.rotate).T
             return placed + np.array(self.translate)
 
+    def unplaced(self, places: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Return places (n, 3) in the scene's coordinates in those of the vertices."""
+        return ((places - np.array(self.translate)) @ _rotation(self.rotate)) / self.scale
+
     @cached_property
     def kept(self) -> Ints:
         """Numbers of the faces that have an area; the others are dropped."""

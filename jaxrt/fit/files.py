@@ -1,4 +1,4 @@
-"""What a fit reads and leaves: the target, the fitted scene, fit.json, the loss curve and the before/after picture."""
+"""What a fit reads and leaves: the target, fit.json, the loss curve and the before/after picture."""
 
 import json
 import math
@@ -11,14 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxrt.core.writing import write_text, write_whole
-from jaxrt.description import SceneDescription, SceneError, show
-from jaxrt.fit import STAGES, Fit, FitError, Progress, Unknowns
-from jaxrt.fit.verdict import Verdict
+from jaxrt.description import show
+from jaxrt.fit.answer import Fit
+from jaxrt.fit.descent import DONE, Progress
+from jaxrt.fit.lacks import Missing
+from jaxrt.fit.solve import FitError
+from jaxrt.fit.unknowns import Unknowns
 from jaxrt.io.color import gamma_encode, srgb_encode
 from jaxrt.io.files import SCENE_BYTES, read_bytes
 from jaxrt.io.image import load_image
-from jaxrt.io.scene_file import read_text
-from jaxrt.scene.selectors import Selector, material_names, place_in_file
 
 Floats = NDArray[np.floating]
 
@@ -55,51 +56,6 @@ def load_target(path: Path, srgb: bool = False) -> Target:
     return Target(np.where(bad, 0, image), weight, tuple(notes))
 
 
-def write_scene(
-    source: Path, path: Path, values: Mapping[str, Floats], selectors: Mapping[str, Selector], scene: SceneDescription
-) -> None:
-    """Write the scene file `source` to `path` with new values, everything else as the user wrote it."""
-    import tomlkit
-
-    document = tomlkit.parse(read_text(source))
-    for text, value in values.items():
-        table, key = _place(document, selectors[text], text, scene)
-        table[key] = _rounded(value)
-    for mesh in document.get("meshes", []):
-        # Names of files stay right in another folder
-        if "file" in mesh:
-            mesh["file"] = Path(os.path.relpath(source.parent / str(mesh["file"]), path.parent)).as_posix()
-    text = tomlkit.dumps(document)
-    write_text(path, text)
-
-
-def _rounded(value: Floats) -> Any:
-    """Return plain numbers, of the digits that float32 has."""
-    numbers = [float(f"{v:.7g}") for v in np.atleast_1d(value)]
-    return numbers if np.ndim(value) else numbers[0]
-
-
-def check_writable(selectors: Mapping[str, Selector]) -> None:
-    """Raise SceneError for parameters that a scene file has no place for."""
-    for text, selector in selectors.items():
-        if selector.name == "meshes.vertices":
-            raise SceneError(f"{text}: a vertex has no place in the fitted scene file: fit meshes from Python")
-
-
-def _place(document: Any, selector: Selector, text: str, scene: SceneDescription) -> tuple[Any, str]:
-    """Return the table of the document, and the key in it, that holds a parameter."""
-    owner, field = selector.name.split(".")
-    if owner in ("camera", "environment"):
-        return document[owner], field
-    assert selector.row is not None
-    if owner == "materials":
-        name = material_names(scene, selector.name)[selector.row]
-        if name not in document.get("materials", {}):
-            raise SceneError(f"{text}: comes from a mesh file: write [materials.{name}] into the scene to fit it")
-        return document["materials"][name], field
-    return document[owner][place_in_file(scene, selector)], field
-
-
 def write_report(path: Path, report: Mapping[str, Any]) -> None:
     """Write fit.json; numbers that are not finite become null."""
     text = json.dumps(_plain(report), indent=2, allow_nan=False) + "\n"
@@ -118,36 +74,27 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-Missing = Mapping[str, tuple[str, ...]]  # what derivatives lack, by the unknown's name
-
-
-def progress_report(unknowns: Unknowns, progress: Progress, missing: Missing) -> dict[str, Any]:
+def progress_report(values: Mapping[str, Floats], progress: Progress, missing: Missing) -> dict[str, Any]:
     """Return what fit.json holds while the fit goes on: enough to resume from."""
+    stands = {key: value for key, value in progress._asdict().items() if key not in ("step", "loss")}
     return {
         "verdict": None,
         "parameters": {
-            name: {"value": value, "derivative_lacks": missing.get(name, ())}
-            for name, value in unknowns.values(progress.vector).items()
+            name: {"value": value, "derivative_lacks": missing.get(name, ())} for name, value in values.items()
         },
         "iterations": progress.step,
-        "progress": {"stage": progress.stage, "vector": progress.vector, "losses": progress.losses},
+        "progress": stands,
     }
 
 
-def final_report(unknowns: Unknowns, answer: Fit, missing: Missing) -> dict[str, Any]:
+def final_report(answer: Fit) -> dict[str, Any]:
     """Return what fit.json holds at the end."""
-    verdict: Verdict = answer.verdict
-    report = progress_report(unknowns, answer.progress, missing)
-    errors = verdict.errors * unknowns.slopes(answer.vector)
-    for row in unknowns.rows:
-        own = report["parameters"][row.text]
-        own |= {
-            "value": unknowns.values(answer.vector)[row.text],
-            "standard_error": errors[row.span].reshape(row.shape),
-        }
-    numbers = verdict._asdict()
-    del numbers["errors"]
-    return {**report, "verdict": {**numbers, "interrupted": answer.interrupted}}
+    report = progress_report(answer.values, answer.progress, answer.lacks)
+    for name, errors in answer.errors.items():
+        report["parameters"][name]["standard_error"] = errors
+    verdict = answer.verdict._asdict()
+    del verdict["errors"]
+    return {**report, "verdict": {**verdict, "interrupted": bool(answer.interrupted)}}
 
 
 def read_progress(path: Path, unknowns: Unknowns) -> Progress:
@@ -159,15 +106,20 @@ def read_progress(path: Path, unknowns: Unknowns) -> Progress:
         report = json.loads(data)
         names, progress = list(report["parameters"].keys()), report["progress"]
         vector, losses, stage = _numbers(progress["vector"]), _numbers(progress["losses"]), progress["stage"]
+        step_size, waiting = progress.get("step_size"), progress.get("waiting", 0)
+        sizes = _numbers([] if step_size is None else [step_size])
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         raise FitError(f"{path}: is no report of a fit: nothing to resume, leave out --resume") from None
     if names != [row.text for row in unknowns.rows]:
         raise FitError(f"{path}: is of another fit, of {', '.join(names)[:100]}: name the same --parameters")
     if len(vector) != sum(row.size for row in unknowns.rows):
         raise FitError(f"{path}: has {len(vector)} unknowns where the fit has others: leave out --resume")
-    if type(stage) is not int or not 0 <= stage <= len(STAGES):
+    if type(stage) is not int or not 0 <= stage <= DONE:
         raise FitError(f"{path}: stage {show(stage)} is none of a fit: leave out --resume")
-    return Progress(len(losses), stage, np.asarray(vector, np.float32), losses[-1] if losses else math.inf, losses)
+    if type(waiting) is not int or any(size <= 0 for size in sizes):
+        raise FitError(f"{path}: step_size or waiting is none of a fit: leave out --resume")
+    loss, size = losses[-1] if losses else math.inf, sizes[0] if sizes else None
+    return Progress(len(losses), stage, np.asarray(vector, np.float32), loss, losses, size, waiting)
 
 
 def _numbers(values: Any) -> tuple[float, ...]:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -31,8 +31,22 @@ EDGES_PER_PIXEL = 4
 GAIN = 30.0  # the solver's unit of residuals, for its first damping, 1, to be 1/900 of the target's sum of squares
 
 
+SHORTER = 1 / 16  # step size after a rejected step, of the one before
+TINY = 1e-30  # loss that is none
+
+
 class FitError(SceneError):
     """A fit that cannot go on: culprit, what, remedy."""
+
+
+class Look(NamedTuple):
+    """What a step of the solver has shown."""
+
+    vector: Vector  # (k,) the best so far
+    loss: float  # there
+    accepted: bool  # whether the step led there
+    promise: float  # share of the loss that the next step should gain; after an accepted step, one without damping
+    step_size: float  # of the next step
 
 
 @dataclass(frozen=True)
@@ -71,16 +85,16 @@ class Machine:
 
     def __init__(self, problem: Problem) -> None:
         """Trace the solver once; the program itself is compiled by the first step."""
-        try:
-            import equinox
-            import optimistix
-        except ImportError:
-            raise FitError("fit: optimistix is not installed: pip install 'jaxrt[fit]'") from None
+        import equinox
+        import optimistix
+
         self.problem = problem
         self.start = problem.unknowns.vector(problem.scene)
         self._constants = (problem.scene, problem.target, problem.weight * (GAIN / problem.scale))
         residual = partial(_linear_model, problem.unknowns, problem.max_depth, problem.sampler, problem.edges)
         solver: Any = optimistix.LevenbergMarquardt(rtol=0.0, atol=0.0)
+        search: Any = optimistix.ClassicalTrustRegion(low_constant=SHORTER)
+        solver = equinox.tree_at(lambda solver: solver.search, solver, search)
         arguments, nothing = self._arguments(0, 1), frozenset[object]()
         outputs = jax.eval_shape(residual, self.start, arguments)
         fresh = solver.init(residual, self.start, arguments, {}, *outputs, nothing)
@@ -107,38 +121,51 @@ class Machine:
     def _arguments(self, seed: int, spp: int) -> tuple[Any, Any, Any]:
         return self._constants, np.uint32(seed), np.int32(spp)
 
-    def _from(self, vector: Vector, seed: int, spp: int) -> Iterator[tuple[Vector, Any]]:
+    def _from(self, vector: Vector, seed: int, spp: int, step_size: float | None) -> Iterator[tuple[Vector, Any]]:
         """Yield the best vector and the solver's state after each step, the first of which only looks at `vector`."""
-        y = np.asarray(vector, self.start.dtype)
-        state = self._fresh.__class__(**(vars(self._fresh) | {"y_eval": y}))
+        y, fresh = np.asarray(vector, self.start.dtype), self._fresh
+        size = fresh.search_state.step_size if step_size is None else np.asarray(step_size, self.start.dtype)
+        search = fresh.search_state.__class__(step_size=size)
+        state = fresh.__class__(**(vars(fresh) | {"y_eval": y, "search_state": search}))
         while True:
             y, state = jax.tree.map(np.asarray, self._step(y, self._arguments(seed, spp), state))
             yield y, state
 
-    def steps(self, vector: Vector, seed: int, spp: int) -> Iterator[tuple[Vector, float, bool]]:
-        """Yield the best vector so far, its loss, and whether the last step was accepted: from `vector` on, for ever.
+    def steps(self, vector: Vector, seed: int, spp: int, step_size: float | None = None) -> Iterator[Look]:
+        """Yield what each step shows, from `vector` on, for ever; the first only looks at `vector`.
 
-        Raises FitError where a picture is not finite: comparisons with NaN would reject every step, and look converged.
+        step_size: None is the solver's own. Raises FitError where a picture is not finite: comparisons with NaN would
+        reject every step, and look converged.
         """
-        accepted = 0
-        for y, state in self._from(vector, seed, spp):
+        count = 0
+        for y, state in self._from(vector, seed, spp, step_size):
             if not np.isfinite(state.y_eval).all():
                 raise FitError(f"fit: no finite step from {self.problem.unknowns.values(y)}: check scene and target")
-            gained, accepted = int(state.num_accepted_steps) > accepted, int(state.num_accepted_steps)
-            yield y, float(np.sum((state.f_info.residual / GAIN) ** 2)), gained
+            accepted, count = int(state.num_accepted_steps) > count, int(state.num_accepted_steps)
+            residual, jacobian = (x.astype(float) for x in state.aux)
+            loss = float(np.sum(residual**2))
+            promise = _promise(residual, jacobian, None if accepted else state.y_eval - y) / max(loss, TINY)
+            yield Look(y, loss / GAIN**2, accepted, promise, float(state.search_state.step_size))
 
     def evaluate(self, vector: Vector, seed: int, spp: int) -> tuple[Floats, Floats]:
         """Return residual (height, width, 3) and Jacobian (height, width, 3, k) at `vector`, drawn anew.
 
         Raises FitError where they are not finite.
         """
-        _, state = next(self._from(vector, seed, spp))
+        _, state = next(self._from(vector, seed, spp, None))
         residual, jacobian = (x.astype(float) / GAIN for x in state.aux)
         if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
             where = self.problem.unknowns.values(vector)
             raise FitError(f"fit: picture or derivative is not finite at {where}: check scene and target")
         shape = self.problem.target.shape
         return residual.reshape(shape), jacobian.reshape(*shape, -1)
+
+
+def _promise(residual: Floats, jacobian: Floats, step: Vector | None) -> float:
+    """Return by how much the linear model says that the loss falls: with a step, or with the best there is."""
+    if step is None:
+        step = -np.linalg.lstsq(jacobian.T @ jacobian, jacobian.T @ residual)[0]
+    return float(np.sum(residual**2) - np.sum((residual + jacobian @ step) ** 2))
 
 
 def _linear_model(

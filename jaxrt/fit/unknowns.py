@@ -50,7 +50,9 @@ class Unknown(NamedTuple):
         """Return the name of each component."""
         if not self.shape:
             return [self.text]
-        return [f"{self.text}.{axis}" for axis in measure(self.selector.name).axes]
+        axes = measure(self.selector.name).axes
+        rows = [f"{self.text}[{i}]" for i in range(self.shape[0])] if len(self.shape) > 1 else [self.text]
+        return [f"{row}.{axis}" for row in rows for axis in axes]
 
 
 class Unknowns(NamedTuple):
@@ -71,33 +73,38 @@ class Unknowns(NamedTuple):
 
     def apply(self, scene: Scene, vector: Array) -> Scene:
         """Return the scene with the values that the vector stands for: pure, differentiable in the vector."""
+        return self.put(scene, [bounded(row.kind, vector[row.span], self.length) for row in self.rows])
+
+    def put(self, scene: Scene, values: Sequence[ArrayLike]) -> Scene:
+        """Return the scene with a value for each unknown."""
         old = parameters(scene)
         new: dict[str, Array] = {}
-        for row in self.rows:
+        for row, value in zip(self.rows, values, strict=True):
             name, index = row.selector
-            value = bounded(row.kind, vector[row.span], self.length).reshape(row.shape)
-            whole = new.get(name, old[name])
-            new[name] = value if index is None else whole.at[index].set(value)
+            whole, shaped = new.get(name, old[name]), jnp.reshape(jnp.asarray(value), row.shape)
+            new[name] = shaped if index is None else whole.at[index].set(shaped)
         return with_parameters(scene, new)
 
     def values(self, vector: ArrayLike) -> dict[str, Floats]:
         """Return the value of each unknown by the user's name for it."""
-        return {
-            row.text: np.asarray(bounded(row.kind, jnp.asarray(vector)[row.span], self.length), float).reshape(
-                row.shape
-            )
-            for row in self.rows
-        }
+        return {row.text: self._value(row, vector).reshape(row.shape) for row in self.rows}
 
     def slopes(self, vector: ArrayLike) -> Floats:
         """Return d value / d component (k,): what turns standard errors of the vector into those of the values."""
         parts = []
         for row in self.rows:
-            value = np.asarray(bounded(row.kind, jnp.asarray(vector)[row.span], self.length), float)
+            value = self._value(row, vector)
             slope = {"fraction": value * (1 - value), "positive": value, "place": np.full_like(value, self.length)}
             slope |= {"angle": value * (1 - value / HALF_TURN), "free": np.ones_like(value)}
             parts.append(slope[row.kind])
         return np.concatenate(parts)
+
+    def _value(self, row: Unknown, vector: ArrayLike) -> Floats:
+        """Return the numbers of an unknown as `bounded` does, by NumPy: small programs take long to compile."""
+        u = np.asarray(vector, float)[row.span]
+        if row.kind in ("fraction", "angle"):
+            return (HALF_TURN if row.kind == "angle" else 1) / (1 + np.exp(-u))
+        return np.exp(u) if row.kind == "positive" else self.length * u
 
 
 def bounded(kind: str, u: Array, length: float) -> Array:

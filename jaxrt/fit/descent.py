@@ -1,0 +1,222 @@
+"""The way down: coarse to fine in stages, without the bias of one set of samples, judged on fresh seeds."""
+
+import math
+import signal
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxrt.fit.solve import Look, Machine
+from jaxrt.fit.verdict import Verdict, judge
+
+Vector = NDArray[np.floating]
+Floats = NDArray[np.float64]
+
+
+class Stage(NamedTuple):
+    """How a stage is drawn, and when it ends."""
+
+    share: int  # one in so many of the samples
+    enough: float  # relative gain of a step that ends the stage
+    patience: int  # steps without gain that end it: a finer stage looks better than a shorter step
+
+
+STAGES = (Stage(16, 3e-2, 2), Stage(4, 1e-2, 2), Stage(1, 1e-3, 4))
+DONE = len(STAGES) + 1  # number of stages, with the last steps of `_polish`
+SLOW = 2  # steps of little gain that end a stage
+POLISH = 4  # steps at the end that take the bias of one set of samples away
+LARGEST_MOVE = 1.0  # component of such a step
+TINY = 1e-7  # singular value of JᵀJ, of the largest, that is taken for zero
+TRIAL_BOX = 0.5  # other starts lie within so many scene sizes of the given one
+USUAL = 5  # steps of a stage, to tell the time left
+FIXED = 4  # what a step costs besides its samples and edge samples, in samples a pixel
+
+
+class Progress(NamedTuple):
+    """Where a fit stands after a step: what is needed to go on from there as if it had not ended."""
+
+    step: int
+    stage: int  # index into STAGES; their number: before the last steps, DONE: after them
+    vector: Vector  # (k,) the best so far
+    loss: float  # relative MSE there, on the fit's own seed
+    losses: tuple[float, ...]  # of all steps so far
+    step_size: float | None = None  # of the next step; None where a stage begins
+    waiting: int = 0  # steps without gain, the last ones
+
+
+class Step(NamedTuple):
+    """What is told after a step."""
+
+    number: int  # from 1
+    stage: int  # of 3, from 1
+    spp: int
+    loss: float  # relative MSE of the best so far, on the fit's own samples
+    accepted: bool  # whether the best so far is of this step
+    values: Mapping[str, Floats]  # the best so far
+    seconds_left: float | None  # about
+    progress: Progress
+
+
+class Found(NamedTuple):
+    """Where the descent has ended."""
+
+    vector: Vector  # (k,)
+    verdict: Verdict
+    progress: Progress
+    interrupted: int  # number of the signal, 0: none
+    pictures: tuple[Floats, Floats]  # at the start and at the answer, masked pixels 0
+
+
+def descend(
+    machine: Machine,
+    spp: int = 64,
+    seed: int = 0,
+    max_steps: int = 60,
+    starts: int = 1,
+    resume: Progress | None = None,
+    report: Callable[[Step], None] | None = None,
+) -> Found:
+    """Return the parameters that bring the picture nearest to the target, with a verdict from fresh seeds.
+
+    The arguments are those of `jaxrt.fit`. Raises FitError where a picture or a derivative is not finite.
+    """
+    start = machine.start
+    now = resume or Progress(0, 0, choose_start(machine, starts, spp, seed), math.inf, ())
+    clock, interrupted = _Clock(machine, spp, max_steps), 0
+    try:
+        for look, after in _steps(machine, now, spp, seed, max_steps):
+            before, now = now, after
+            samples, left = _samples(spp, before.stage), clock.left(before.stage, now)
+            if report is not None:
+                values = machine.problem.unknowns.values(now.vector)
+                report(Step(now.step, before.stage + 1, samples, now.loss, look.accepted, values, left, now))
+        if now.stage == len(STAGES):
+            now = now._replace(vector=_polish(machine, now.vector, spp, seed), stage=DONE)
+    except KeyboardInterrupt as stop:
+        interrupted = getattr(stop, "number", signal.SIGINT)
+    return _judged(machine, start, now, spp, seed, interrupted)
+
+
+def _samples(spp: int, stage: int) -> int:
+    return max(1, spp // STAGES[stage].share)
+
+
+def _steps(machine: Machine, now: Progress, spp: int, seed: int, max_steps: int) -> Iterator[tuple[Look, Progress]]:
+    """Yield each step of all stages, and where the fit stands after it."""
+    while now.stage < len(STAGES) and now.step < max_steps:
+        looks = machine.steps(now.vector, seed, _samples(spp, now.stage), now.step_size)
+        if now.step_size is not None:
+            next(looks)  # where the fit stood already
+        for look in looks:
+            now = _after(now, look)
+            yield look, now
+            if now.step_size is None or now.step >= max_steps:
+                break
+
+
+def _after(now: Progress, look: Look) -> Progress:
+    """Return where the fit stands after a step: in the next stage, where steps gain no more."""
+    stage, first = STAGES[now.stage], now.step_size is None
+    slow = look.accepted and not first and look.loss > (1 - stage.enough) * now.loss
+    waiting = 0 if look.accepted and not slow else now.waiting + 1
+    ended = look.promise < stage.enough or waiting >= (SLOW if slow else stage.patience)
+    stands = Progress(now.step + 1, now.stage, look.vector, look.loss, (*now.losses, look.loss))
+    if ended:
+        return stands._replace(stage=now.stage + 1)
+    return stands._replace(step_size=look.step_size, waiting=waiting)
+
+
+class _Clock:
+    """How long the rest takes, from the steps that were taken: about, since nobody knows how many are to come."""
+
+    def __init__(self, machine: Machine, spp: int, max_steps: int) -> None:
+        height, width, _ = machine.problem.target.shape
+        each = FIXED + 4 * machine.problem.edges / (height * width)
+        self._costs = [_samples(spp, stage) + each for stage in range(len(STAGES))]
+        self._max_steps = max_steps
+        self._taken = [0] * len(STAGES)
+        self._begun: float | None = None
+        self._paid = 0.0
+
+    def left(self, stage: int, now: Progress) -> float | None:
+        """Return the seconds that are left after a step of the stage, None after the first, which compiles."""
+        self._taken[stage] += 1
+        if self._begun is None:
+            self._begun = time.perf_counter()
+            return None
+        self._paid += self._costs[stage]
+        steps = [max(1, USUAL - taken) if i >= now.stage else 0 for i, taken in enumerate(self._taken)]
+        share = min(1.0, (self._max_steps - now.step) / max(1, sum(steps)))
+        ahead = share * sum(n * cost for n, cost in zip(steps, self._costs, strict=True))
+        # Two pictures for each of the last steps, four to judge
+        ahead += (2 * POLISH + 4) * self._costs[-1]
+        return (time.perf_counter() - self._begun) * ahead / self._paid
+
+
+def _polish(machine: Machine, vector: Vector, spp: int, seed: int) -> Vector:
+    """Return the vector without the bias of one set of samples.
+
+    Noise is in the residual and in its Jacobian alike: the least sum of squares is where both are small, which favours
+    what is dark and direct. Here the Jacobian of other samples, an instrument, meets the residual: J₂ᵀ r₁ = 0 has no
+    such bias. A step counts if the product of two residuals, a loss without bias, falls.
+    """
+    seeds = [(seed + k) % 2**32 for k in (0, 3)]
+    best, (residuals, jacobians) = vector, _pair(machine, vector, spp, seeds)
+    loss = float(np.sum(residuals[0] * residuals[1]))
+    for _ in range(POLISH):
+        moves = [_instrumental(jacobians[i], jacobians[1 - i]) @ residuals[i].ravel() for i in (0, 1)]
+        trial = (best - np.mean(moves, axis=0)).astype(vector.dtype)
+        if not np.abs(trial - best).max() < LARGEST_MOVE:
+            break
+        residuals, jacobians = _pair(machine, trial, spp, seeds)
+        gained = float(np.sum(residuals[0] * residuals[1]))
+        if not gained < loss:
+            break
+        best, loss = trial, gained
+    return best
+
+
+def _pair(machine: Machine, vector: Vector, spp: int, seeds: list[int]) -> tuple[list[Floats], list[Floats]]:
+    """Return residuals and Jacobians of two seeds."""
+    a, b = (machine.evaluate(vector, seed, spp) for seed in seeds)
+    return [a[0], b[0]], [a[1], b[1]]
+
+
+def _instrumental(jacobian: Floats, instrument: Floats) -> Floats:
+    """Return (J₂ᵀJ₁)⁻¹J₂ᵀ (k, n), which turns a residual of the samples of J₁ into a step."""
+    k = jacobian.shape[-1]
+    here, other = jacobian.reshape(-1, k), instrument.reshape(-1, k)
+    return np.linalg.pinv(other.T @ here, rcond=TINY) @ other.T
+
+
+def choose_start(machine: Machine, starts: int, spp: int, seed: int) -> Vector:
+    """Return the vector of the least loss among the scene's own and `starts` − 1 with places drawn around it."""
+    start = machine.start
+    if starts == 1:
+        return start
+    labels = machine.problem.unknowns
+    places = np.concatenate([np.full(row.size, row.kind == "place") for row in labels.rows])
+    rng = np.random.default_rng(seed)
+    moves = rng.uniform(-TRIAL_BOX, TRIAL_BOX, (starts, len(places))) * places
+    moves[0] = 0
+    trials = [start + move.astype(start.dtype) for move in moves]
+    losses = [np.sum(machine.evaluate(trial, seed, max(1, spp // STAGES[0].share))[0] ** 2) for trial in trials]
+    return trials[int(np.argmin(losses))]
+
+
+def _judged(machine: Machine, start: Vector, now: Progress, spp: int, seed: int, interrupted: int) -> Found:
+    """Return what was found with its verdict, or the start if that is better on fresh seeds."""
+    problem, first, second = machine.problem, (seed + 1) % 2**32, (seed + 2) % 2**32
+    before, now_there = _pair(machine, start, spp, [first, second]), _pair(machine, now.vector, spp, [first, second])
+    # The product of two residuals: a sum of squares would favour what is less noisy
+    if np.sum(before[0][0] * before[0][1]) < np.sum(now_there[0][0] * now_there[0][1]):
+        now, now_there = now._replace(vector=start), before
+    (residual, again), (jacobian, _) = now_there
+    places = np.concatenate([np.full(row.size, row.kind == "place") for row in problem.unknowns.rows])
+    verdict = judge((residual, again), jacobian, problem.unknowns.labels(), places)
+    target = np.asarray(problem.target * problem.weight, float)
+    pictures = before[0][0] * problem.scale + target, residual * problem.scale + target
+    return Found(now.vector, verdict, now, interrupted, pictures)

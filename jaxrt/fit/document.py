@@ -1,0 +1,100 @@
+"""The fitted scene: the user's file, comments and all, with new values in it."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxrt.core.writing import write_text
+from jaxrt.description import MeshDescription, SceneDescription, SceneError
+from jaxrt.io.scene_file import read_text
+from jaxrt.scene.selectors import Selector, material_names, place_in_file
+
+Floats = NDArray[np.floating]
+
+MOST_FACES = 2000  # of a mesh file that is written into the scene, since a vertex of it has moved
+
+
+def write_scene(
+    source: Path, path: Path, values: Mapping[str, Floats], selectors: Mapping[str, Selector], scene: SceneDescription
+) -> None:
+    """Write the scene file `source` to `path` with new values, everything else as the user wrote it.
+
+    A material or mesh of a mesh file, of which a value is new, is written into the scene, where it takes precedence.
+    Raises SceneError for meshes too large for that.
+    """
+    import tomlkit
+
+    document = tomlkit.parse(read_text(source))
+    for text, value in values.items():
+        _put(document, selectors[text], text, value, scene)
+    for mesh in document.get("meshes", []):
+        # Names of files stay right in another folder
+        if "file" in mesh:
+            mesh["file"] = Path(os.path.relpath(source.parent / str(mesh["file"]), path.parent)).as_posix()
+    text = tomlkit.dumps(document)
+    write_text(path, text)
+
+
+def _put(document: Any, selector: Selector, text: str, value: Floats, scene: SceneDescription) -> None:
+    """Put a value in its place in the document."""
+    owner, field = selector.name.split(".")
+    if owner == "meshes":
+        total = sum(len(mesh.vertices) for mesh in scene.meshes) + 3 * len(scene.triangles)
+        rows = np.atleast_1d(np.arange(total)[selector.row])
+        _put_vertices(document, rows, np.reshape(value, (-1, 3)), text, scene)
+    elif owner in ("camera", "environment"):
+        document[owner][field] = _plain(value)
+    else:
+        table = _material(document, selector, scene) if owner == "materials" else None
+        table = document[owner][place_in_file(scene, selector)] if table is None else table
+        table[field] = _plain(value)
+
+
+def _plain(value: Floats) -> Any:
+    """Return plain numbers, of the digits that float32 has."""
+    numbers = [float(str(v)) for v in np.asarray(value, np.float32).ravel()]
+    return numbers if np.ndim(value) else numbers[0]
+
+
+def _material(document: Any, selector: Selector, scene: SceneDescription) -> Any:
+    """Return the table of a material; one that a mesh file has brought along gets one."""
+    assert selector.row is not None
+    name = material_names(scene, selector.name)[selector.row]
+    if name not in document.setdefault("materials", {}):
+        document["materials"][name] = scene.materials[name].model_dump(mode="json", exclude_none=True)
+    return document["materials"][name]
+
+
+def _put_vertices(document: Any, rows: NDArray[np.intp], places: Floats, text: str, scene: SceneDescription) -> None:
+    """Put places (n, 3), in the scene's coordinates, where the rows of `meshes.vertices` come from."""
+    first = 0
+    for i, mesh in enumerate(scene.meshes):
+        own = (first <= rows) & (rows < first + len(mesh.vertices))
+        if own.any():
+            table = document["meshes"][i]
+            if "file" in table:
+                _write_out(table, mesh, text)
+            for row, place in zip(rows[own] - first, mesh.unplaced(places[own]), strict=True):
+                table["vertices"][int(row)] = _plain(place)
+        first += len(mesh.vertices)
+    for row, place in zip(rows, places, strict=True):
+        if row >= first:
+            triangle, corner = divmod(int(row) - first, 3)
+            document["triangles"][triangle]["vertices"][corner] = _plain(place)
+
+
+def _write_out(table: Any, mesh: MeshDescription, text: str) -> None:
+    """Put the arrays of a mesh file in the place of its name."""
+    if len(mesh.faces) > MOST_FACES:
+        raise SceneError(
+            f"{text}: {mesh.file} has {len(mesh.faces)} faces, too many to write them into the fitted scene: take "
+            f"jaxrt.fit in Python, or a mesh of at most {MOST_FACES}"
+        )
+    del table["file"]
+    table["vertices"], table["faces"] = mesh.vertices.tolist(), mesh.faces.tolist()
+    if mesh.material is None and mesh.face_materials is not None:
+        table["materials"], table["face_materials"] = mesh.materials, mesh.face_materials.tolist()
