@@ -102,7 +102,7 @@ class Unknowns(NamedTuple):
         for row in self.rows:
             value = self._value(row, vector)
             slope = {"fraction": value * (1 - value), "positive": value, "place": np.full_like(value, self.length)}
-            slope["angle"] = value * (1 - value / HALF_TURN)
+            slope |= {"angle": value * (1 - value / HALF_TURN), "free": np.ones_like(value)}
             parts.append(slope[row.kind])
         return np.concatenate(parts)
 
@@ -111,6 +111,8 @@ class Unknowns(NamedTuple):
         u = np.asarray(vector, float)[row.span]
         if row.kind in ("fraction", "angle"):
             return (HALF_TURN if row.kind == "angle" else 1) / (1 + np.exp(-u))
+        if row.kind == "free":
+            return u
         return np.exp(u) if row.kind == "positive" else self.length * u
 
 
