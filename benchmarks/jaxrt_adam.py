@@ -57,10 +57,9 @@ def main() -> None:
     import numpy as np
 
     import jaxrt
-    from jaxrt.programs import cache_folder, lend_jax_files, private_folder
 
     jaxrt.use_cpu_cores(options.cores)
-    lend_jax_files(private_folder(cache_folder()))
+    jaxrt.keep_programs()
     scene = jaxrt.load_scene(options.scene)
     scene = replace(scene, camera=replace(scene.camera, width=options.width, height=options.height))
     times = {"start": time.perf_counter() - BEGIN}

@@ -104,6 +104,8 @@ class Unknowns(NamedTuple):
         u = np.asarray(vector, float)[row.span]
         if row.kind in ("fraction", "angle"):
             return (HALF_TURN if row.kind == "angle" else 1) / (1 + np.exp(-u))
+        if row.kind == "free":
+            return u
         return np.exp(u) if row.kind == "positive" else self.length * u
 
 
