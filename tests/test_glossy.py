@@ -4,17 +4,24 @@ Three programs: a picture of a scene with both kinds of `tests.own_kinds`, one w
 derivative.
 """
 
+from types import SimpleNamespace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxrt
+from jaxrt.boundary.shadows import _toward_camera
+from jaxrt.cameras import camera_frame
 from jaxrt.core.records import SurfacePoint
-from jaxrt.materials import Materials
+from jaxrt.materials import Materials, scatter
+from jaxrt.materials.diffuse import Diffuse
+from jaxrt.materials.glass import Glass
 from tests.own_kinds import Chalk, Phong
 
 N = 200_000
+LAMP = {"position": [2, 4, 2], "intensity": 20, "radius": 0.7}
 SURFACE = SurfacePoint(jnp.zeros(3), jnp.asarray([0.0, 0.0, 1.0]), jnp.zeros(()), jnp.int32(0))
 KINDS = {
     "chalk": Chalk(jnp.asarray([0.8, 0.5, 0.2])),
@@ -38,14 +45,22 @@ def test_sample_and_evaluate_agree(kind: str, wo: list[float]) -> None:
 
 
 def test_kinds_are_numbered_by_how_they_reflect() -> None:
-    rows = {name: jax.tree.map(lambda leaf: leaf[None], kind) for name, kind in KINDS.items()}
-    from jaxrt.materials.diffuse import Diffuse
-    from jaxrt.materials.glass import Glass
-
+    rows = {name: jax.tree.map(lambda leaf: leaf[None], KINDS[name]) for name in ("phong", "chalk")}
     materials = Materials.of(**rows, glass=Glass(jnp.ones(2)), diffuse=Diffuse(jnp.ones((3, 3))))
     assert [type(kind) for kind in materials.kinds] == [Diffuse, Glass, Chalk, Phong]
     assert materials.ends == (3, 5, 7) and materials.are_glossy and materials.are_lit and materials.are_delta
     assert materials.mirror is None and not hasattr(materials, "miror")
+
+
+def test_light_of_moving_shadows_is_reflected_as_by_diffuse() -> None:
+    """What a shadow's edge sends to the camera: albedo/π of what arrives."""
+    rows = Materials.of(chalk=Chalk(jnp.asarray([[0.8, 0.5, 0.2]])))
+    frame = camera_frame(jaxrt.build({"camera": {"position": [1, 2, 3]}, "lights": [LAMP]}).camera)
+    tables = SimpleNamespace(materials=rows, camera=frame)
+    wo, arriving, share = jnp.asarray([0.6, 0.0, 0.8]), jnp.asarray([1.0, 2.0, 3.0]), jnp.asarray(0.7)
+    scattering = scatter(rows, SURFACE, wo, (share, share))
+    sent = _toward_camera(tables, SURFACE, wo, scattering, arriving, share)
+    np.testing.assert_allclose(sent, arriving * jnp.asarray([0.8, 0.5, 0.2]) * (0.7 / np.pi), rtol=1e-6)
 
 
 def scene_with(floor: str) -> jaxrt.Scene:
@@ -60,7 +75,7 @@ def scene_with(floor: str) -> jaxrt.Scene:
             },
             "spheres": [{"center": [0, 1, 0], "radius": 1, "material": "ball"}],
             "triangles": [{"vertices": [[-9, 0, 9], [9, 0, 9], [0, 0, -9]], "material": "floor"}],
-            "lights": [{"position": [2, 4, 2], "intensity": 20, "radius": 0.7}],
+            "lights": [LAMP],
             "environment": {"radiance": [0.1, 0.2, 0.3]},
         }
     )
