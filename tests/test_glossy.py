@@ -15,9 +15,13 @@ import jaxrt
 from jaxrt.boundary.shadows import _toward_camera
 from jaxrt.cameras import camera_frame
 from jaxrt.core.records import SurfacePoint
+from jaxrt.description.kinds import MATERIALS
+from jaxrt.kinds import Albedo, material
 from jaxrt.materials import Materials, scatter
 from jaxrt.materials.diffuse import Diffuse
 from jaxrt.materials.glass import Glass
+from jaxrt.programs.key import code_of_kinds
+from jaxrt.render import prepare
 from tests.own_kinds import Chalk, Phong
 
 N = 200_000
@@ -131,3 +135,29 @@ def test_derivatives_are_those_of_the_picture(scene: jaxrt.Scene) -> None:
     slope = np.asarray(jax.jvp(drawn, [jnp.zeros(())], [jnp.ones(())])[1], float).mean((0, 1))
     near = [np.asarray(drawn(jnp.asarray(t)), float).mean((0, 1)) for t in (-0.5, 0.5)]
     np.testing.assert_allclose(slope, near[1] - near[0], rtol=0.01)
+
+
+def test_kept_programs_are_found_by_what_own_code_computes() -> None:
+    """The same class again is the same program; with another constant it is another; ours need no look."""
+
+    def code(factor: float) -> str:
+        @material
+        class Glow:
+            albedo: Albedo
+
+            def sample(self, surface, wo, u):
+                return surface.facing(wo), factor * self.albedo
+
+            def evaluate(self, surface, wo, wi):
+                return 0 * self.albedo, jnp.zeros(())
+
+        ball = {"center": [0, 0, 0], "radius": 1, "material": "a"}
+        table = {"type": "glow", "albedo": [0.5, 0.5, 0.5]}
+        made = {"camera": {"position": [0, 0, 3]}, "materials": {"a": table}, "spheres": [ball], "lights": [LAMP]}
+        scene, _, plan = prepare(jaxrt.build(made), 0, 0, 1, 1, max_depth=1, devices=jax.devices()[:1])
+        return code_of_kinds(scene, plan)
+
+    assert code(0.5) == code(0.5) != code(0.25)
+    MATERIALS.kinds.pop("glow")
+    ours = jaxrt.build({"camera": {"position": [0, 0, 3]}, "lights": [LAMP]})
+    assert code_of_kinds(ours, prepare(ours, 0, 0, 1, 1)[2]) == ""
