@@ -37,11 +37,12 @@ from tests.own_kinds import Chalk
 
 @jaxrt.light
 class Torch:
-    """A lamp that shines to one side: its intensity times the squared cosine to its axis."""
+    """A lamp that shines to one side: its intensity times a power of the cosine to its axis."""
 
     position: Place
     axis: Direction
     intensity: Rgb
+    falloff: Positive = 2.0
     is_delta = True
 
     def sample(self, point, u):
@@ -49,7 +50,7 @@ class Torch:
         squared = dot(away, away)
         direction = away / jnp.sqrt(squared)
         cosine = jnp.maximum(dot(direction, normalize(self.axis)), 0)
-        return -direction, jnp.sqrt(squared), self.intensity * cosine**2 / squared
+        return -direction, jnp.sqrt(squared), self.intensity * cosine**self.falloff / squared
 
     def power(self):
         return jnp.sum(self.intensity)
@@ -236,19 +237,22 @@ def test_a_torch_before_a_fisheye() -> None:
 def test_a_fit_from_a_scene_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The torch's axis and intensity, seen by the fisheye."""
-    working_folder(tmp_path, monkeypatch, tomlkit.dumps(lamp_over()))
-    jaxrt.save_image("target.exr", jaxrt.render(jaxrt.load_scene("ball.toml"), 1, spp=64, max_depth=1))
-    start = lamp_over()
-    start["lights"][0] |= {"axis": [0, -5, 0.5], "intensity": [30, 30, 30]}
-    Path("guess.toml").write_text(tomlkit.dumps({**start, "render": {"max_depth": 1}}))
-    names = "lights.axis[0]", "lights.intensity[0]"
+    """The dome's colour and the fisheye's angle, from a picture of the sky alone."""
+
+    def scene(fov: float, zenith: list[float]) -> str:
+        camera = {"type": "fisheye", "position": [0, 0, 0], "fov": fov, "width": 16, "height": 16}
+        sky = {"type": "dome", "ground": 0.1, "zenith": zenith}
+        return tomlkit.dumps({"camera": camera, "lights": [sky], "render": {"max_depth": 1}})
+
+    working_folder(tmp_path, monkeypatch, scene(150, [1, 2, 3]))
+    jaxrt.save_image("target.exr", jaxrt.render(jaxrt.load_scene("ball.toml"), 1, spp=16))
+    Path("guess.toml").write_text(scene(110, [2, 2, 2]))
+    names = "lights.zenith[0]", "camera.fov"
     status, out, err = run(capsys, "fit", "guess.toml", "target.exr", "--parameters", *names, "-o", "out", "--spp", 16)
     assert status == 0, out + err
     found = jaxrt.parameters(jaxrt.load_scene("out/fitted.toml"))
-    np.testing.assert_allclose(found["lights.intensity"][0], [20, 30, 40], rtol=0.02)
-    axis = np.asarray(found["lights.axis"][0])
-    np.testing.assert_allclose(axis / np.linalg.norm(axis), np.array([-1, -5, 0]) / np.sqrt(26), atol=0.01)
+    np.testing.assert_allclose(found["lights.zenith"][0], [1, 2, 3], rtol=0.02)
+    assert float(found["camera.fov"]) == pytest.approx(150, rel=0.01)
 
 
 def camera_of(table: dict[str, Any]) -> Any:

@@ -4,17 +4,28 @@ Three programs: a picture of a scene with both kinds of `tests.own_kinds`, one w
 derivative.
 """
 
+from types import SimpleNamespace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxrt
+from jaxrt.boundary.shadows import _toward_camera
+from jaxrt.cameras import camera_frame
 from jaxrt.core.records import SurfacePoint
-from jaxrt.materials import Materials
+from jaxrt.description.kinds import MATERIALS
+from jaxrt.kinds import Albedo, material
+from jaxrt.materials import Materials, scatter
+from jaxrt.materials.diffuse import Diffuse
+from jaxrt.materials.glass import Glass
+from jaxrt.programs.key import code_of_kinds
+from jaxrt.render import prepare
 from tests.own_kinds import Chalk, Phong
 
 N = 200_000
+LAMP = {"position": [2, 4, 2], "intensity": 20, "radius": 0.7}
 SURFACE = SurfacePoint(jnp.zeros(3), jnp.asarray([0.0, 0.0, 1.0]), jnp.zeros(()), jnp.int32(0))
 KINDS = {
     "chalk": Chalk(jnp.asarray([0.8, 0.5, 0.2])),
@@ -38,14 +49,22 @@ def test_sample_and_evaluate_agree(kind: str, wo: list[float]) -> None:
 
 
 def test_kinds_are_numbered_by_how_they_reflect() -> None:
-    rows = {name: jax.tree.map(lambda leaf: leaf[None], kind) for name, kind in KINDS.items()}
-    from jaxrt.materials.diffuse import Diffuse
-    from jaxrt.materials.glass import Glass
-
+    rows = {name: jax.tree.map(lambda leaf: leaf[None], KINDS[name]) for name in ("phong", "chalk")}
     materials = Materials.of(**rows, glass=Glass(jnp.ones(2)), diffuse=Diffuse(jnp.ones((3, 3))))
     assert [type(kind) for kind in materials.kinds] == [Diffuse, Glass, Chalk, Phong]
     assert materials.ends == (3, 5, 7) and materials.are_glossy and materials.are_lit and materials.are_delta
     assert materials.mirror is None and not hasattr(materials, "miror")
+
+
+def test_light_of_moving_shadows_is_reflected_as_by_diffuse() -> None:
+    """What a shadow's edge sends to the camera: albedo/π of what arrives."""
+    rows = Materials.of(chalk=Chalk(jnp.asarray([[0.8, 0.5, 0.2]])))
+    frame = camera_frame(jaxrt.build({"camera": {"position": [1, 2, 3]}, "lights": [LAMP]}).camera)
+    tables = SimpleNamespace(materials=rows, camera=frame)
+    wo, arriving, share = jnp.asarray([0.6, 0.0, 0.8]), jnp.asarray([1.0, 2.0, 3.0]), jnp.asarray(0.7)
+    scattering = scatter(rows, SURFACE, wo, (share, share))
+    sent = _toward_camera(tables, SURFACE, wo, scattering, arriving, share)
+    np.testing.assert_allclose(sent, arriving * jnp.asarray([0.8, 0.5, 0.2]) * (0.7 / np.pi), rtol=1e-6)
 
 
 def scene_with(floor: str) -> jaxrt.Scene:
@@ -60,7 +79,7 @@ def scene_with(floor: str) -> jaxrt.Scene:
             },
             "spheres": [{"center": [0, 1, 0], "radius": 1, "material": "ball"}],
             "triangles": [{"vertices": [[-9, 0, 9], [9, 0, 9], [0, 0, -9]], "material": "floor"}],
-            "lights": [{"position": [2, 4, 2], "intensity": 20, "radius": 0.7}],
+            "lights": [LAMP],
             "environment": {"radiance": [0.1, 0.2, 0.3]},
         }
     )
@@ -116,3 +135,29 @@ def test_derivatives_are_those_of_the_picture(scene: jaxrt.Scene) -> None:
     slope = np.asarray(jax.jvp(drawn, [jnp.zeros(())], [jnp.ones(())])[1], float).mean((0, 1))
     near = [np.asarray(drawn(jnp.asarray(t)), float).mean((0, 1)) for t in (-0.5, 0.5)]
     np.testing.assert_allclose(slope, near[1] - near[0], rtol=0.01)
+
+
+def test_kept_programs_are_found_by_what_own_code_computes() -> None:
+    """The same class again is the same program; with another constant it is another; ours need no look."""
+
+    def code(factor: float) -> str:
+        @material
+        class Glow:
+            albedo: Albedo
+
+            def sample(self, surface, wo, u):
+                return surface.facing(wo), factor * self.albedo
+
+            def evaluate(self, surface, wo, wi):
+                return 0 * self.albedo, jnp.zeros(())
+
+        ball = {"center": [0, 0, 0], "radius": 1, "material": "a"}
+        table = {"type": "glow", "albedo": [0.5, 0.5, 0.5]}
+        made = {"camera": {"position": [0, 0, 3]}, "materials": {"a": table}, "spheres": [ball], "lights": [LAMP]}
+        scene, _, plan = prepare(jaxrt.build(made), 0, 0, 1, 1, max_depth=1, devices=jax.devices()[:1])
+        return code_of_kinds(scene, plan)
+
+    assert code(0.5) == code(0.5) != code(0.25)
+    MATERIALS.kinds.pop("glow")
+    ours = jaxrt.build({"camera": {"position": [0, 0, 3]}, "lights": [LAMP]})
+    assert code_of_kinds(ours, prepare(ours, 0, 0, 1, 1)[2]) == ""

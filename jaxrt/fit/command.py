@@ -47,7 +47,7 @@ def _run(args: argparse.Namespace) -> int:
     _say(*target.notes)
     missing = missing_terms(scene, unknowns, args.max_depth or description.render.max_depth)
     folder = args.output or Path(f"{args.scene.stem}_fit")
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(exist_ok=True)
     resume = read_progress(folder / "fit.json", unknowns) if args.resume else None
     selectors = {row.text: row.selector for row in unknowns.rows}
 
