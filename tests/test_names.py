@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import jaxrt
+from jaxrt.fit import sought
 from jaxrt.programs.key import key_of
 from jaxrt.render import prepare
 from jaxrt.scene.selectors import parse_selector
@@ -159,3 +160,12 @@ def test_s5_a_rename_compiles_nothing(scene):
     assert program._cache_size() == 1
     keys = [key_of(*prepare(each, 0, 0, 1, 1, max_depth=1)) for each in (scene, renamed)]
     assert keys[0] == keys[1] and b"lamp" not in keys[0]
+
+
+def test_s5_a_fit_takes_all_vertices_of_a_mesh_by_its_name(scene):
+    unknowns = sought(scene, ["meshes.vertices[mug]", "materials.albedo[silver]"])
+    assert unknowns.labels()[::3] == [f"meshes.vertices[{i}].x" for i in range(4, 8)] + ["materials.albedo[silver].r"]
+    moved = jaxrt.parameters(scene, "meshes.vertices[mug]") + 1
+    values = [*moved, jaxrt.parameters(scene, "materials.albedo[silver]")]
+    changed = unknowns.put(scene, values)
+    np.testing.assert_allclose(jaxrt.parameters(changed, "meshes.vertices[mug]"), moved)

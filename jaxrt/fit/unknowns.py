@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from jaxrt.description import SceneError
 from jaxrt.lights import casters_of
 from jaxrt.scene import Scene
-from jaxrt.scene.measures import measure
+from jaxrt.scene.measures import has_rows, measure
 from jaxrt.scene.parameters import parameters, with_parameters
 from jaxrt.scene.selectors import Selector
 
@@ -165,10 +165,12 @@ def scene_length(scene: Scene) -> float:
 
 
 def all_rows(texts: Sequence[str], scene: Scene) -> list[str]:
-    """Return the texts with each name of several rows replaced by all of its rows."""
+    """Return the texts with each name of several rows, a parameter or a mesh's vertices, replaced by all of these."""
     values, out = parameters(scene), []
     for text in texts:
-        value = values.get(text)
-        several = value is not None and not text.startswith(("camera.", "environment.")) and value.shape[0] > 1
-        out += [f"{text}[{i}]" for i in range(value.shape[0])] if several and value is not None else [text]
+        name, _, row = text.partition("[")
+        rows = scene.names.of(name).get(row.removesuffix("]")) if row else slice(None)
+        several = name in values and has_rows(name) and isinstance(rows, slice)
+        numbers = range(values[name].shape[0])[rows] if several and isinstance(rows, slice) else ()
+        out += [f"{name}[{i}]" for i in numbers] if len(numbers) > 1 else [text]
     return out
