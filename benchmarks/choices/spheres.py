@@ -23,7 +23,7 @@ SWAPS: dict[str, list[Swap]] = {
     OTHER: [
         (sphere, "_distance", textbook_sphere.distance),
         (sphere, "_distance_to_surface", textbook_sphere.distance_to_surface),
-        (sphere, "_onto_sphere", textbook_sphere.stay),
+        (sphere, "onto_sphere", textbook_sphere.stay),
     ],
 }
 N = 100_000
