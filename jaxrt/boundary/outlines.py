@@ -48,7 +48,7 @@ def camera_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ..
     tables = tables_of(scene)
     edges = edge_table(scene.triangles) if scene.triangles is not None and plan.geometry_moves else None
     outlines = Silhouettes(tables.geometry.spheres, edges)
-    lights = scene.lights is not None and scene.lights.radius is not None
+    lights = scene.lights is not None and scene.lights.have_size
     if outlines.rows == 0 or not (lights or plan.geometry_moves):
         return ()
     bins = bins_for(outlines.rows)

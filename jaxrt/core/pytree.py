@@ -25,7 +25,7 @@ def static(**options: Any) -> Any:
 def pytree(cls: type[T]) -> type[T]:
     """Return `cls` as a frozen dataclass whose fields are pytree children, except those made by `static`.
 
-    No validation happens here: JAX rebuilds records from tracers and placeholders. `scene.build` validates.
+    No validation happens here: JAX rebuilds records from tracers and placeholders. Descriptions validate.
     """
     record = dataclasses.dataclass(frozen=True)(cls)
     fields = dataclasses.fields(cast(Any, record))

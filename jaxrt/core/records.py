@@ -1,4 +1,4 @@
-"""The records that flow along a path. Vectors are (3,): one ray, one point; `render.py` alone makes many of them."""
+"""The records that flow along a path. Vectors are (3,): one ray, one point; `transport/film.py` makes many of them."""
 
 from jax import Array
 

@@ -64,7 +64,7 @@ def _far_edges(scene: Scene, name: str, shapes_move: bool) -> list[str]:
 def _known_edges(scene: Scene, light_moves: bool, shapes_move: bool, max_depth: int) -> list[str]:
     outlines = scene.spheres is not None or scene.triangles is not None
     diffuse = scene.materials.are_lit
-    sphere_lights = scene.lights is not None and scene.lights.radius is not None
+    sphere_lights = scene.lights is not None and scene.lights.have_size
     edges = []
     lamps = scene.lights is not None and casters_of(scene.lights)[0].shape[0] > 0
     if (light_moves or shapes_move) and lamps and outlines and diffuse:
@@ -82,7 +82,7 @@ def _unknown_edges(scene: Scene, name: str, row: int | None, max_depth: int) -> 
     movers = movers_of(scene, surfaces, name, row)
     light_moves = name.startswith("lights.")
     ball_light_moves = light_moves and bool(np.any(surfaces.radii[movers.balls] > 0))
-    sphere_lights = scene.lights is not None and scene.lights.radius is not None
+    sphere_lights = scene.lights is not None and scene.lights.have_size
     sky = scene.environment is not None and bool(np.any(np.asarray(scene.environment) > 0))
     sky = sky or (scene.lights is not None and any(scene.lights.skies()))
     faced = scene.eye is None or not nothing_faces_another(surfaces, np.asarray(scene.eye, float))

@@ -84,6 +84,11 @@ class Lights:
         return replace(self, others=tuple(new if kind is old else kind for kind in self.others))
 
     @property
+    def have_size(self) -> bool:
+        """Whether some have a place and a size, so that rays hit them and they block light."""
+        return self.radius is not None
+
+    @property
     def count(self) -> int:
         """Number of lights."""
         return sum(n for _, n in self.kinds)

@@ -13,6 +13,9 @@ are known then. A light that is not delta is at infinity, seen by rays that meet
 
 Directions are unit vectors that point to the light, u is two numbers in [0, 1). A light may tell its `power`, in W·sr⁻¹
 of a lamp, all channels, by which it is chosen; else it is looked at as often as the others are on average.
+
+Spherical lights, which have a place and yet are hit by rays, answer in their place `picked`, for the picture, and
+`attached`, for derivatives; and `radiance`.
 """
 
 from typing import Any

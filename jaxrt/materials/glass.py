@@ -46,9 +46,9 @@ def fresnel(cos_i: Array, eta: Array) -> tuple[Array, Array]:
 def sample_glass(ior: Array, wo: Array, normal: Array, u: Array) -> tuple[Array, Array]:
     """Return (direction, weight) of reflection or refraction, picked by `u` with probability equal to its share.
 
-    normal: () outward unit normal, from inside (ior) to outside (1). The weight is 1 for reflection, and for refraction
-    1/eta², since radiance changes by the square of the index (Veach 1997, §5.2). It carries the derivative of the share
-    over the probability, the probability and the choice being held fixed.
+    normal: (3,) outward unit normal, from inside (ior) to outside (1). The weight is 1 for reflection, and for
+    refraction 1/eta², since radiance changes by the square of the index (Veach 1997, §5.2). It carries the derivative
+    of the share over the probability, the probability and the choice being held fixed.
     """
     cos_o = dot(wo, normal)
     entering = cos_o >= 0

@@ -1,6 +1,7 @@
 """Triangles: nearest hit, any hit and the surface point.
 
-Few triangles are tested one by one, many through a tree (`traverse.py`); the test of one is `edges.hit_distance`.
+Few triangles are tested one by one, many through a tree (`search/traverse.py`); the test of one is
+`edges.hit_distance`.
 """
 
 from dataclasses import replace

@@ -94,7 +94,7 @@ def _own(tables: Tables) -> frozenset[int]:
 
     Theirs is the derivative of the very picture that is drawn. All are such where every light is a point.
     """
-    points = tables.lights is None or tables.lights.lights.radius is None
+    points = tables.lights is None or not tables.lights.lights.have_size
     paths = [[key.name for key in path if hasattr(key, "name")] for path, _ in jax.tree.leaves_with_path(tables)]
     return frozenset(i for i, path in enumerate(paths) if points or not _turns_light(path))
 

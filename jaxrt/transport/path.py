@@ -63,9 +63,7 @@ class Walk:
     throughput: Array  # (3,)
     radiance: Array  # (3,) gathered so far
     specular: Array  # () bool: the ray comes from the camera, a mirror or glass, so that it may see sphere lights
-    pdf: Array | None = (
-        None  # () density of its direction where light samples have a share, else 0; None without glossy
-    )
+    pdf: Array | None = None  # () of its direction where light samples have a share, else 0; None without glossy
 
 
 def tables_of(scene: Scene) -> Tables:
@@ -186,7 +184,7 @@ def _direct(
     if scattering.glossy is not None:
         glossy = once(partial(_glossy, attached))(tables, point, wo, sample)
         faced = jnp.where(scattering.glossy, jnp.any(glossy > 0), faced)
-    crowd = tables.lights.pick is not None and tables.lights.lights.radius is not None
+    crowd = tables.lights.pick is not None and tables.lights.lights.have_size
     skip = tables.first_light + sample.light if crowd else None
     # The ray starts up to `error` nearer to the light than the point
     reach = jnp.where(wanted & faced, sample.distance - point.error, 0)
@@ -208,7 +206,7 @@ def _glossy(attached: bool, tables: Tables, point: SurfacePoint, wo: Array, samp
     """
     value, pdf = evaluate(tables.materials, point, wo, sample.direction)
     assert tables.lights is not None
-    if attached or (tables.lights.lights.radius is None and not shines_from_afar(tables.lights)):
+    if attached or not (tables.lights.lights.have_size or shines_from_afar(tables.lights)):
         return value
     density = light_density(tables.lights, sample.light, point.position, sample.direction)
     return value * jnp.where(density > 0, safe_divide(density, density + pdf), 1)
@@ -226,7 +224,7 @@ def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
         if walk.pdf is not None:
             sky = once(sky_radiance)(tables.lights, walk.ray.direction, walk.pdf)
             seen = seen + jnp.where(~hit.valid & (walk.pdf > 0), sky, 0)
-    if tables.lights is not None and tables.lights.lights.radius is not None:
+    if tables.lights is not None and tables.lights.lights.have_size:
         lights, light = tables.lights.lights, hit.index - tables.first_light
         n = lights.position.shape[0]
         hit_light = hit.valid & (light >= 0) & (light < n)
@@ -240,7 +238,7 @@ def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
 
 def last_look(tables: Tables, walk: Walk) -> Array:
     """Return the walk's radiance with what its last ray sees, where it can see anything at all."""
-    spheres = tables.lights is not None and tables.lights.lights.radius is not None
+    spheres = tables.lights is not None and tables.lights.lights.have_size
     can_shine = spheres or shines_from_afar(tables.lights)
     sees = tables.materials.are_delta or tables.materials.are_glossy
     if tables.environment is None and not (can_shine and sees):
