@@ -534,7 +534,7 @@ def test_they_are_listed_bounded_and_written(tmp_path: Path, capsys: pytest.Capt
     for word in ("torch lights", "fisheye camera", "fisheye: position (0.3, 6, 0.2), fov 100", "lights.zenith"):
         assert word in told
     names = ["lights.zenith", "lights.position[2]", "lights.axis[1]", "camera.fov"]
-    selectors = {name: parse_selector(name, scene, description) for name in names}
+    selectors = {name: parse_selector(name, scene) for name in names}
     unknowns = unknowns_of(scene, selectors)
     assert [row.kind for row in unknowns.rows] == ["positive", "place", "free", "angle"]
     back = jaxrt.parameters(unknowns.apply(scene, jnp.asarray(unknowns.vector(scene))))

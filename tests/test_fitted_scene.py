@@ -42,7 +42,7 @@ def written_and_read(source: Path, folder: Path) -> tuple[dict[str, np.ndarray],
     description = read_description(source)
     scene = jaxrt.load_scene(source)
     texts = [name for name, value in jaxrt.parameters(scene).items() if value.size < 100]
-    unknowns = sought(scene, texts, description)
+    unknowns = sought(scene, texts)
     vector = unknowns.vector(scene) + np.random.default_rng(0).uniform(-0.01, 0.01, len(unknowns.labels()))
     wanted = unknowns.values(vector.astype(np.float32))
     selectors = {row.text: row.selector for row in unknowns.rows}

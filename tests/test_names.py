@@ -102,7 +102,7 @@ def test_s5_several_rows_and_their_derivatives(scene):
     [
         (
             {"materials.albedo[whit]": [1, 1, 1]},
-            r'materials\.albedo\[whit\]: no row of that name \(did you mean "white"\?\)',
+            r'materials\.albedo\[whit\]: no material of that name \(did you mean "white"\?\)',
         ),
         (
             {"materials.albedo[3]": [1, 1, 1]},

@@ -14,7 +14,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxrt.core.extras import require
-from jaxrt.description import SceneDescription, SceneWarning, show
+from jaxrt.description import SceneWarning, show
 from jaxrt.fit.answer import Fit, answer_of
 from jaxrt.fit.descent import Progress, Step, descend
 from jaxrt.fit.lacks import missing_terms, warning_of
@@ -54,7 +54,6 @@ def fit(
     starts: int = 1,
     resume: Progress | None = None,
     progress: Callable[[Step], None] | None = None,
-    description: SceneDescription | None = None,
 ) -> Fit:
     """Return the parameters that bring the scene's picture nearest to a target: values, standard errors, a verdict.
 
@@ -63,7 +62,7 @@ def fit(
     broadcasts to it; 0 where the target is not to be trusted. spp: samples of the last stage, max_depth: scattering
     events; both default to the scene's own. max_steps: of all stages. starts: how many starts to choose from.
     resume: the `progress` of an earlier fit of the same, to go on from as if it had not ended. progress: called
-    after each step. description: what the scene was built from, so that materials go by their names.
+    after each step.
 
     Ctrl-C ends the steps, and judges the best so far. The answer is never worse on fresh seeds than the start.
     Raises MissingExtra (a SceneError, an ImportError) without the packages of jaxrt[fit], SceneError for unknown
@@ -76,7 +75,7 @@ def fit(
     counts = {"max_steps": _count("max_steps", max_steps, 1), "starts": _count("starts", starts, 1)}
     depth = _count("max_depth", scene.defaults.max_depth if max_depth is None else max_depth, 1)
     picture, trust = _checked(target, weight)
-    unknowns = sought(scene, parameters, description)
+    unknowns = sought(scene, parameters)
     missing = missing_terms(scene, unknowns, depth)
     if missing:
         warnings.warn(warning_of(missing), SceneWarning, stacklevel=2)
@@ -85,14 +84,14 @@ def fit(
     return answer_of(scene, problem, found, missing)
 
 
-def sought(scene: Scene, parameters: Sequence[str], description: SceneDescription | None = None) -> Unknowns:
+def sought(scene: Scene, parameters: Sequence[str]) -> Unknowns:
     """Return the unknowns that texts such as `lights.position[0]` name. Raises SceneError."""
     texts = [parameters] if isinstance(parameters, str) else list(parameters)
     if not texts:
         raise FitError('fit: parameters is empty: name some, as in ["lights.position[0]"]')
     if any(not isinstance(text, str) for text in texts):
         raise FitError(f'fit: parameters is {show(texts)}: write names, as in ["lights.position[0]"]')
-    selectors = {text: parse_selector(text, scene, description) for text in all_rows(texts, scene)}
+    selectors = {text: parse_selector(text, scene) for text in all_rows(texts, scene)}
     unknowns = unknowns_of(scene, selectors)
     n = len(unknowns.labels())
     if n > MANY:

@@ -43,7 +43,7 @@ def _run(args: argparse.Namespace) -> int:
     target = load_target(args.target, args.srgb)
     description = _sized(read_description(args.scene, args.allow_folder), target, args)
     scene = build(description)
-    unknowns = sought(scene, args.parameters, description)
+    unknowns = sought(scene, args.parameters)
     _say(*target.notes)
     missing = missing_terms(scene, unknowns, args.max_depth or description.render.max_depth)
     folder = args.output or Path(f"{args.scene.stem}_fit")
@@ -64,7 +64,6 @@ def _run(args: argparse.Namespace) -> int:
     answer = fit(
         scene, target.image, args.parameters, weight=target.weight, spp=args.spp, max_depth=args.max_depth,
         seed=args.seed, max_steps=args.max_steps, starts=args.starts, resume=resume, progress=report,
-        description=description,
     )  # fmt: skip
     write_scene(args.scene, folder / "fitted.toml", answer.values, selectors, description)
     write_report(folder / "fit.json", final_report(answer))

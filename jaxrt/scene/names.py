@@ -16,6 +16,8 @@ from jaxrt.description.kinds import LIGHTS, MATERIALS
 from jaxrt.scene.measures import has_rows
 
 SELECTOR = re.compile(r"(?P<name>[^\[\]]+)(\[(?P<row>.+)\])?")
+DIGITS = 18  # of a row's number, at most
+SINGULAR = {"materials": "material", "lights": "light", "spheres": "sphere", "meshes": "mesh"}
 Row = int | slice
 
 
@@ -92,8 +94,12 @@ def rows_called(names: Names, text: str, parameters: Mapping[str, jax.Array]) ->
     if row in called:
         return name, called[row]
     n = parameters[name].shape[0]
-    if re.fullmatch(r"[+-]?\d{1,18}", row):
-        if not 0 <= int(row) < n:
+    if re.fullmatch(r"[+-]?\d+", row):
+        # Python reads no number of thousands of digits
+        if len(row) > DIGITS or not 0 <= int(row) < n:
             raise SceneError(f"{name}[{row}]: no such row: use {name}[0]" + (f" to {name}[{n - 1}]" if n > 1 else ""))
         return name, int(row)
-    raise SceneError(f"{name}[{row}]: no row of that name{nearest(row, called)}")
+    if not called:
+        raise SceneError(f"{name}[{row}]: {show(row)} is not a row number: write {name}[0]")
+    owner = name.partition(".")[0]
+    raise SceneError(f"{name}[{row}]: no {SINGULAR[owner]} of that name{nearest(row, called)}")

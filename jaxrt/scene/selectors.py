@@ -1,18 +1,16 @@
 """Names of parameters with a row: `lights.position[0]`, `materials.albedo[white]`."""
 
-import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from jax import Array
 
-from jaxrt.description import SceneDescription, SceneError, nearest, show
+from jaxrt.description import SceneDescription, SceneError, nearest
 from jaxrt.description.kinds import LIGHTS, MATERIALS
 from jaxrt.scene.measures import has_rows
+from jaxrt.scene.names import rows_called
 from jaxrt.scene.parameters import parameters
 from jaxrt.scene.record import Scene
-
-_SELECTOR = re.compile(r"(?P<name>[^\[\]]+)(\[(?P<row>.+)\])?")
 
 
 class Selector(NamedTuple):
@@ -29,19 +27,15 @@ class Selector(NamedTuple):
         return value if self.row is None else value[self.row]
 
 
-def parse_selector(text: str, scene: Scene, description: SceneDescription | None = None) -> Selector:
+def parse_selector(text: str, scene: Scene) -> Selector:
     """Return the parameter and row that a text such as `lights.position[0]` names.
 
-    A row may go by its name; a single row may be left out. description: whose materials' names count, by default the
-    scene's. Raises SceneError for unknown names and rows.
+    A row may go by its name; a single row may be left out. Raises SceneError for unknown names and rows.
     """
-    match = _SELECTOR.fullmatch(text.strip())
-    if match is None:
-        raise SceneError(f"{text}: is no parameter: write NAME or NAME[ROW], as in lights.position[0]")
-    row = match["row"]
-    if row is not None and not re.fullmatch(r"[+-]?\d+", row):
-        return select(scene, match["name"], _row_called(match["name"], row, scene, description))
-    return select(scene, match["name"], None if row is None else int(row))
+    name, row = rows_called(scene.names, text, parameters(scene))
+    if isinstance(row, slice):
+        raise SceneError(f"{text}: has {row.stop - row.start} rows: choose one, from {name}[{row.start}] on")
+    return select(scene, name, row)
 
 
 def select(scene: Scene, name: str, row: int | None = None) -> Selector:
@@ -75,21 +69,3 @@ def place_in_file(description: SceneDescription, selector: Selector) -> int:
     if owner != "lights":
         return selector.row
     return [i for i, light in enumerate(description.lights) if field in LIGHTS.kind_of(light).parameters][selector.row]
-
-
-def _row_called(name: str, row: str, scene: Scene, description: SceneDescription | None) -> int:
-    select(scene, name, 0 if has_rows(name) else None)
-    if not has_rows(name):
-        raise SceneError(f"{name}[{row}]: {name} has no rows: write {name}")
-    called = scene.names.of(name)
-    if name.startswith("materials.") and description is not None:
-        called = {called: i for i, called in enumerate(material_names(description, name))}
-    if row not in called:
-        what = f"no {name.partition('.')[0].rstrip('s')} of that name{nearest(row, called)}"
-        raise SceneError(f"{name}[{row}]: {what if called else f'{show(row)} is not a row number: write {name}[0]'}")
-    found = called[row]
-    if isinstance(found, slice):
-        raise SceneError(
-            f"{name}[{row}]: has {found.stop - found.start} rows: choose one, from {name}[{found.start}] on"
-        )
-    return found

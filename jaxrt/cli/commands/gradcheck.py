@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
     description = described(args)
     start.start_jax(present(args.cores or usable_cores()))
     scene = built(description)
-    name, row = parse_selector(args.parameter, scene, description)
+    name, row = parse_selector(args.parameter, scene)
     options = {k: getattr(args, k) for k in ("component", "boundary_samples", "step", "seeds")}
     with ExitStack() as stack:
         report: Callable[[int], None] | None = None
