@@ -29,6 +29,7 @@ from jaxrt.fit.command import told
 from jaxrt.fit.descent import Found, descend
 from jaxrt.fit.files import load_target, read_progress
 from jaxrt.fit.solve import Look
+from jaxrt.kinds import Place, Positive, Ray, normalize
 from jaxrt.scene.selectors import parse_selector
 
 ROOT = Path(__file__).parent.parent
@@ -422,6 +423,46 @@ def test_fit_warns_of_what_derivatives_lack(folder: Path, monkeypatch: pytest.Mo
     assert told["materials.albedo[ball]"]["derivative_lacks"] == told["lights.position[0]"]["derivative_lacks"] == []
     assert cli.main(command()) == 2
     assert "warning" not in capsys.readouterr().err
+
+
+@jaxrt.camera
+class Periscope:
+    """A camera of which a plain number moves outlines."""
+
+    position: Place
+    zoom: Positive = 1.0
+    is_central = True
+
+    def ray(self, image, u):
+        return Ray(self.position, normalize(jnp.stack([*(x * self.zoom for x in image), jnp.ones_like(image[0])])))
+
+    def project(self, point):
+        away = point - self.position
+        return (away[0] / self.zoom, away[1] / self.zoom), away[2] > 0
+
+
+@pytest.mark.parametrize(
+    ("name", "edges"),
+    [
+        ("camera.zoom", 64),
+        ("camera.position", 64),
+        ("spheres.radius", 64),
+        ("lights.position", 64),
+        ("lights.intensity", 0),
+        ("materials.ior", 0),
+    ],
+)
+def test_edges_are_sampled_for_all_that_moves_them(name: str, edges: int) -> None:
+    scene = jaxrt.build(
+        {
+            "camera": {"type": "periscope", "position": [0, 0, -9], "width": 4, "height": 4},
+            "materials": {"clear": {"type": "glass", "ior": 1.5}},
+            "spheres": [{"center": [0, 0, 0], "radius": 1, "material": "clear"}],
+            "lights": [{"position": [0, 9, -9], "intensity": 1, "radius": 0.5}],
+        }
+    )
+    unknowns, picture = unknowns_of(scene, {name: parse_selector(name, scene)}), jnp.ones((4, 4, 3))
+    assert Problem(scene, unknowns, picture, picture).edges == edges
 
 
 REFUSED = [

@@ -28,6 +28,7 @@ from jaxrt.description.values import (
     complaint,
     tables,
     three,
+    told,
 )
 
 __all__ = [
@@ -227,10 +228,7 @@ def parse_description(mapping: Mapping[str, Any], source: str = "scene") -> Scen
     try:
         return SceneDescription.model_validate(mapping)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
+        text, place = told(error)
     except RecursionError:
         raise SceneError(f"{source}: nested too deeply: flatten it") from None
-    context = first.get("ctx", {})
-    place = _place((*first["loc"], *context.get("place", ())))
-    text = context.get("text") or f"{show(first['input'])}: {first['msg']}"
-    raise SceneError(": ".join(filter(None, (source, place, text))))
+    raise SceneError(": ".join(filter(None, (source, _place(place), text))))

@@ -31,7 +31,7 @@ from pydantic import BaseModel, Field, ValidationError, create_model
 from pydantic.fields import FieldInfo
 
 from jaxrt.core.messages import nearest, show
-from jaxrt.description.values import Count, Measure, Name, Table, complaint, measure_of
+from jaxrt.description.values import Count, Measure, Name, Table, complaint, measure_of, told
 
 T = TypeVar("T")
 RESERVED = {"type", "kind", "Table"}
@@ -230,15 +230,8 @@ class Family:
         try:
             return self.kinds[value.get("type", self.default)].table.model_validate(value)
         except ValidationError as error:
-            raise retold(error) from None
-
-
-def retold(error: ValidationError) -> Exception:
-    """Return the first of the errors as one complaint at its place, for the validator around."""
-    first = error.errors(include_url=False)[0]
-    context = first.get("ctx", {})
-    text = context.get("text") or f"{show(first['input'])}: {first['msg']}"
-    return complaint(text, *first["loc"], *context.get("place", ()))
+            text, place = told(error)
+            raise complaint(text, *place) from None  # for the validator around
 
 
 def _choices(names: Sequence[str]) -> str:

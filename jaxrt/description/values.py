@@ -6,7 +6,15 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationInfo, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
@@ -36,6 +44,14 @@ EXAMPLES = {
 def complaint(text: str, *place: str | int) -> PydanticCustomError:
     """Return the error `text` at `place`, relative to the value being validated."""
     return PydanticCustomError("scene", "{text}", {"text": text, "place": place})
+
+
+def told(error: ValidationError) -> tuple[str, tuple[str | int, ...]]:
+    """Return the first of pydantic's errors in words, and its place."""
+    first = error.errors(include_url=False)[0]
+    context = first.get("ctx", {})
+    text = context.get("text") or f"{show(first['input'])}: {first['msg']}"
+    return text, (*first["loc"], *context.get("place", ()))
 
 
 def plain(value: Any) -> Any:

@@ -23,6 +23,7 @@ from jaxrt.fit.unknowns import Unknowns
 from jaxrt.kernels.jacobian import value_and_jacobian
 from jaxrt.render import draw_sum, prepare
 from jaxrt.scene import Scene
+from jaxrt.scene.measures import moves_lamps, moves_shapes
 
 Floats = NDArray[np.float64]
 Vector = NDArray[np.floating]
@@ -59,15 +60,16 @@ class Problem:
     weight: Array  # (height, width, 3) 1, or 0 where the target is not to be trusted
     max_depth: int | None = None
     sampler: str = "sobol"
-    boundary_samples: int | None = None  # None: 4 a pixel where anything but colours is sought
+    boundary_samples: int | None = None  # None: 4 a pixel where edges move that are known
 
     @property
     def edges(self) -> int:
         """Return the number of edge samples."""
         if self.boundary_samples is not None:
             return self.boundary_samples
-        moving = [row.kind in ("place", "angle") or row.selector.name.endswith(".radius") for row in self.unknowns.rows]
-        return EDGES_PER_PIXEL * self.target.shape[0] * self.target.shape[1] if any(moving) else 0
+        names = [row.selector.name for row in self.unknowns.rows]
+        moving = self.scene.camera.is_central and any(moves_lamps(name) or moves_shapes(name) for name in names)
+        return EDGES_PER_PIXEL * self.target.shape[0] * self.target.shape[1] if moving else 0
 
     @property
     def scale(self) -> float:

@@ -7,9 +7,7 @@ import numpy as np
 from jaxrt.gradcheck.surfaces import movers_of, nothing_faces_another, some_cross, surfaces_of
 from jaxrt.lights import casters_of
 from jaxrt.scene import Scene
-from jaxrt.scene.measures import measure
-
-_MOVES_EDGES = ("spheres", "meshes", "camera")
+from jaxrt.scene.measures import measure, moves_lamps, moves_shapes
 
 CROSSING = "curves where surfaces cross"
 SKY = "outlines before the sky as diffuse surfaces see them"
@@ -31,8 +29,7 @@ class Coverage(NamedTuple):
 
 def coverage(scene: Scene, name: str, max_depth: int, boundary_samples: int, row: int | None = None) -> Coverage:
     """Return what derivatives with respect to a parameter's row contain, and what not. None: those of any row."""
-    light_moves = name in {"lights.position", "lights.radius"}
-    shapes_move = name.split(".")[0] in _MOVES_EDGES and not measure(name).tints
+    light_moves, shapes_move = moves_lamps(name), moves_shapes(name)
     known = _known_edges(scene, light_moves, shapes_move, max_depth)
     missing = _unknown_edges(scene, name, row, max_depth) if light_moves or shapes_move else []
     missing += [*_bent_edges(scene, name), *_far_edges(scene, name, shapes_move)]

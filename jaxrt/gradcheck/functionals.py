@@ -3,9 +3,11 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jaxrt.io.color import REC709
+
 Numbers = NDArray[np.float64]
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec. 709
+LUMINANCE = np.array(REC709)
 BUMPS = 8  # Gaussians along each axis
 MOMENTS, BUMPS_NAME = "first moments", "Gaussian bumps"
 

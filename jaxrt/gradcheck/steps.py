@@ -11,7 +11,7 @@ from jaxrt.gradcheck.surfaces import Surfaces, gaps, surfaces_of
 from jaxrt.lights import casters_of
 from jaxrt.scene import Scene
 from jaxrt.scene.lights import light_numbers
-from jaxrt.scene.measures import measure
+from jaxrt.scene.measures import measure, moves_lamps
 from jaxrt.scene.parameters import parameters
 from jaxrt.scene.selectors import Selector
 
@@ -57,7 +57,7 @@ def _lengths(scene: Scene, selector: Selector, reach: float) -> Iterator[float]:
         assert selector.row is not None
         own = selector.row
         if owner == "lights":
-            if selector.name not in ("lights.position", "lights.radius"):
+            if not moves_lamps(selector.name):
                 return
             own = light_numbers(scene, selector.name)[own] + (0 if scene.spheres is None else len(scene.spheres.radius))
         center, radius = surfaces.centers[own], float(surfaces.radii[own])

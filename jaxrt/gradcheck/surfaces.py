@@ -11,6 +11,7 @@ from jaxrt.description.mesh_pairs import TOUCHING, faces_cross
 from jaxrt.lights import casters_of
 from jaxrt.scene import Scene
 from jaxrt.scene.lights import light_numbers
+from jaxrt.scene.measures import moves_lamps
 from jaxrt.shapes import kept_digits
 
 Mask = NDArray[np.bool_]
@@ -66,7 +67,7 @@ def movers_of(scene: Scene, surfaces: Surfaces, name: str, row: int | None) -> M
         balls[:], faces[:] = True, True
     elif name.startswith("spheres."):
         balls[:spheres][rows] = True
-    elif name in ("lights.position", "lights.radius"):
+    elif moves_lamps(name):
         balls[spheres + light_numbers(scene, name)[rows]] = True
     elif name == "meshes.vertices":
         faces[:] = True if row is None else np.any(surfaces.faces == row, axis=1)

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from jaxrt.description import SceneError, show
+from jaxrt.io.files import StrPath
 
 LONGEST = 250  # characters of a name
 
-StrPath = str | os.PathLike[str]
 Folders = Sequence[StrPath]
 
 

@@ -12,6 +12,7 @@ _OTHERS = {
     "environment.radiance": Measure("positive", "rgb", "[1, 1, 1]", tints=True),
 }
 ALONE = ("camera", "environment")  # owners of parameters without rows
+SHAPES = ("spheres", "meshes", "camera")  # owners of parameters by which the camera sees shapes elsewhere
 
 
 def measure(name: str) -> Measure:
@@ -25,3 +26,13 @@ def measure(name: str) -> Measure:
 def has_rows(name: str) -> bool:
     """Return whether there is a row for each thing of its sort."""
     return name.split(".")[0] not in ALONE
+
+
+def moves_lamps(name: str) -> bool:
+    """Return whether lights that cast shadows of known edges move with a parameter."""
+    return name in ("lights.position", "lights.radius")
+
+
+def moves_shapes(name: str) -> bool:
+    """Return whether shapes move with a parameter, as the camera sees them."""
+    return name.split(".")[0] in SHAPES and not measure(name).tints

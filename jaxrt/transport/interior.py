@@ -38,7 +38,7 @@ from jaxrt.transport.path import Tables
 # part, and packets of a batch too wide for a native kernel
 TOGETHER = (32, 1)
 LARGE = 100_000  # moved numbers from which on wide packets are the faster ones backwards: a mesh of 11,000 faces
-WIDE_TILE = (32, 32)  # pixels, as many as a native kernel takes
+LARGEST_TILE = (32, 32)  # pixels, as many as a native kernel takes
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(3,))
@@ -191,7 +191,7 @@ def _backwards(plan: Plan, shapes: Shapes) -> Plan:
     Each sample of a packet runs over the leaves as a whole, so that large ones want few packets.
     """
     large = sum(math.prod(leaf.shape) for leaf in shapes) > LARGE
-    return plan._replace(tile=WIDE_TILE) if large and plan.lanes < math.prod(WIDE_TILE) else plan
+    return plan._replace(tile=LARGEST_TILE) if large and plan.lanes < math.prod(LARGEST_TILE) else plan
 
 
 def _packet_sum(plan: Plan, operands: tuple[Tables, Run], packet: Array) -> Array:

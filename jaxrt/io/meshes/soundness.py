@@ -7,9 +7,9 @@ import numpy as np
 
 from jaxrt.description import SceneError, show
 from jaxrt.description.mesh_facts import Floats, Ints
+from jaxrt.description.values import FLOAT32_MAX
 from jaxrt.io.meshes.polygons import Polygons, triangulate
 
-FLOAT32_MAX = float(np.finfo(np.float32).max)
 Place = Callable[[int], str]  # where in the file the i-th thing stands
 
 

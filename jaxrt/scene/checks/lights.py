@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxrt.description import SceneDescription
-from jaxrt.description.box_tree import Floats
+from jaxrt.description.box_tree import Floats, box_distances
 from jaxrt.description.kinds import LIGHTS
 from jaxrt.description.mesh_facts import nearest_distances, triangle_distances, winding_numbers
 from jaxrt.scene.checks.common import Body, centers_and_radii, inside, is_lit, more, spheres_of, transmits
@@ -114,7 +114,7 @@ def near_point_lights(scene: SceneDescription, bodies: Sequence[Body]) -> Iterat
     singles = np.array(corners, float).reshape(-1, 3, 3)
     meshes = [body for body in bodies if body.has(is_lit)]
     around = _around(points, *centers_and_radii(spheres), singles)
-    boxes = np.array([_to_box(points, *body.box) for body in meshes]).reshape(len(meshes), len(points)).T
+    boxes = np.array([box_distances(points, *body.box) for body in meshes]).reshape(len(meshes), len(points)).T
     others = np.sort(np.concatenate([around, boxes], axis=1), axis=1)
     if not others.shape[1]:
         return
@@ -135,7 +135,3 @@ def _around(points: Floats, centers: Floats, radii: Floats, singles: Floats) -> 
     to_spheres = [np.abs(np.linalg.norm(centers - point, axis=-1) - radii) for point in points]
     to_triangles = [triangle_distances(point, singles) for point in points]
     return np.concatenate([np.array(to_spheres), np.array(to_triangles)], axis=1)
-
-
-def _to_box(points: Floats, low: Floats, high: Floats) -> Floats:
-    return np.linalg.norm(np.maximum(np.maximum(low - points, points - high), 0), axis=-1)
