@@ -145,7 +145,7 @@ def _sample(plan: Plan, bins: int, operands: ShadowTables, draw: Draw) -> tuple[
     light, rest = placed.bin // (outlines.rows * bins), placed.bin % (outlines.rows * bins)
     row = rest // bins
     t = ((rest % bins).astype(placed.t.dtype) + placed.t) / bins
-    source = once(partial(_light_point, tables.first_light))(tables.lights, outlines, light, row, t, draw.spread)
+    source = once(_light_point)(tables.lights, outlines, light, row, t, draw.spread)
     rim = once(partial(rim_at, creases=False))(outlines, row, t, source.position)
     source = _shone(tables.lights.lights, light, source, rim)
     density = placed.density * bins * draw.total
@@ -162,7 +162,6 @@ def _sample(plan: Plan, bins: int, operands: ShadowTables, draw: Draw) -> tuple[
 
 
 def _light_point(
-    first_light: int,
     table: LightTable,
     outlines: Silhouettes,
     light: Array,

@@ -118,7 +118,7 @@ class Family:
         for field in self._shared.keys() - get_type_hints(cls).keys():
             cls.__annotations__[field], default = self._shared[field]
             setattr(cls, field, default)
-        measures, settings, columns = self._fields(cls, name)
+        measures, settings, columns = self._fields(cls)
         base: Any = getattr(cls, "Table", Table)
         columns = {"type": (Literal[name], name), **self._named, **columns}
         table: Any = create_model(
@@ -141,7 +141,7 @@ class Family:
         self._kinds[name] = kind
         return kind.cls
 
-    def _fields(self, cls: type, name: str) -> tuple[dict[str, Measure], tuple[str, ...], dict[str, Any]]:
+    def _fields(self, cls: type) -> tuple[dict[str, Measure], tuple[str, ...], dict[str, Any]]:
         """Return the measures of a class's arrays, its other fields, and all as columns of a table."""
         measures, settings, columns = {}, [], {}
         for field, hint in get_type_hints(cls, include_extras=True).items():

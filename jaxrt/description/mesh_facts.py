@@ -14,7 +14,6 @@ FEW = 16  # points that look for the nearest triangle together: all triangles ma
 COLLINEAR = 1e-12  # twice the area over the square of the longest side, rounding of float64 included
 SMALLEST = float(np.finfo(np.float32).tiny)  # of the square of twice the area, which float32 must hold
 ASKEW = np.array([0.31830989, 0.27182818])  # slopes of the ray that tells inside from outside
-EXTREMES = (np.minimum, np.maximum)
 # Vertices of one corner that a CAD program or a text file with six digits tells apart: they differ by 1e-6 of the
 # coordinates along each axis, 3.5e-6 in all where both are rounded
 SAME_PLACE = 5e-6  # of the mesh's size, that of its box or, as strays have no say, of its faces side by side,

@@ -46,7 +46,7 @@ def _run(args: argparse.Namespace) -> int:
     unknowns = sought(scene, args.parameters)
     _say(*target.notes)
     missing = missing_terms(scene, unknowns, args.max_depth or description.render.max_depth)
-    folder = args.output or Path(f"{args.scene.stem}_fit")
+    folder: Path = args.output
     folder.mkdir(exist_ok=True)
     resume = read_progress(folder / "fit.json", unknowns) if args.resume else None
     selectors = {row.text: row.selector for row in unknowns.rows}
