@@ -109,8 +109,8 @@ class Family:
     def __call__(self, cls: type[T]) -> type[T]:
         """Return `cls` as a kind that scene files may name, by its name in snake_case.
 
-        Raises TypeError for fields that are no numbers of `jaxrt.description.fields`, for missing methods, and for a
-        name that is taken; a class of the same module and name is replaced.
+        Raises TypeError for fields that are no numbers of `jaxrt.kinds`, for missing methods, and for a name that is
+        taken; a class of the same module and name is replaced.
         """
         from jaxrt.core.pytree import pytree, static
 
