@@ -13,7 +13,7 @@ import pytest
 
 import jaxrt
 from jaxrt.boundary.shadows import _toward_camera
-from jaxrt.cameras import camera_frame
+from jaxrt.cameras import view_of
 from jaxrt.core.records import SurfacePoint
 from jaxrt.description.kinds import MATERIALS
 from jaxrt.kinds import Albedo, material
@@ -59,7 +59,7 @@ def test_kinds_are_numbered_by_how_they_reflect() -> None:
 def test_light_of_moving_shadows_is_reflected_as_by_diffuse() -> None:
     """What a shadow's edge sends to the camera: albedo/π of what arrives."""
     rows = Materials.of(chalk=Chalk(jnp.asarray([[0.8, 0.5, 0.2]])))
-    frame = camera_frame(jaxrt.build({"camera": {"position": [1, 2, 3]}, "lights": [LAMP]}).camera)
+    frame = view_of(jaxrt.build({"camera": {"position": [1, 2, 3]}, "lights": [LAMP]}).camera)
     tables = SimpleNamespace(materials=rows, camera=frame)
     wo, arriving, share = jnp.asarray([0.6, 0.0, 0.8]), jnp.asarray([1.0, 2.0, 3.0]), jnp.asarray(0.7)
     scattering = scatter(rows, SURFACE, wo, (share, share))

@@ -79,7 +79,17 @@ def test_s5_what_names_no_folder(folder):
         jaxrt.keep_programs(folder)
 
 
-def test_s5_folders_that_others_can_write_in(tmp_path):
+@pytest.fixture
+def nowhere_yet():
+    """Let JAX keep its programs nowhere, whatever ran before in this process."""
+    before = jax.config.values["jax_compilation_cache_dir"]
+    jax.config.update("jax_compilation_cache_dir", None)
+    yield
+    jax.config.update("jax_compilation_cache_dir", before)
+
+
+def test_s5_folders_that_others_can_write_in(tmp_path, monkeypatch, nowhere_yet):
+    monkeypatch.setattr(keep, "_kept", [])
     (tmp_path / "open").mkdir()
     (tmp_path / "open").chmod(0o777)
     (tmp_path / "link").symlink_to(tmp_path)

@@ -20,6 +20,7 @@ from jaxrt import boundary
 from jaxrt.boundary.tangent import moving_edges
 from jaxrt.description import SceneError
 from jaxrt.fit.unknowns import Unknowns
+from jaxrt.fit.verdict import promised_gain
 from jaxrt.kernels.jacobian import value_and_jacobian
 from jaxrt.render import draw_sum, prepare
 from jaxrt.scene import Scene
@@ -146,7 +147,7 @@ class Machine:
             accepted, count = int(state.num_accepted_steps) > count, int(state.num_accepted_steps)
             residual, jacobian = (x.astype(float) for x in state.aux)
             loss = float(np.sum(residual**2))
-            promise = _promise(residual, jacobian, None if accepted else state.y_eval - y) / max(loss, TINY)
+            promise = promised_gain(residual, jacobian, None if accepted else state.y_eval - y) / max(loss, TINY)
             yield Look(y, loss / GAIN**2, accepted, promise, float(state.search_state.step_size))
 
     def evaluate(self, vector: Vector, seed: int, spp: int) -> tuple[Floats, Floats]:
@@ -161,13 +162,6 @@ class Machine:
             raise FitError(f"fit: picture or derivative is not finite at {where}: check scene and target")
         shape = self.problem.target.shape
         return residual.reshape(shape), jacobian.reshape(*shape, -1)
-
-
-def _promise(residual: Floats, jacobian: Floats, step: Vector | None) -> float:
-    """Return by how much the linear model says that the loss falls: with a step, or with the best there is."""
-    if step is None:
-        step = -np.linalg.lstsq(jacobian.T @ jacobian, jacobian.T @ residual)[0]
-    return float(np.sum(residual**2) - np.sum((residual + jacobian @ step) ** 2))
 
 
 def _linear_model(

@@ -135,3 +135,10 @@ def standard_errors(jacobian: Floats, residual: Floats) -> Floats:
     inverse = np.linalg.pinv(jacobian.reshape(-1, k))
     scores = (inverse * residual.ravel()).reshape(k, -1, channels).sum(axis=-1)
     return np.sqrt(np.sum(scores**2, axis=1))
+
+
+def promised_gain(residual: Floats, jacobian: Floats, step: Floats | None) -> float:
+    """Return by how much the linear model says that the loss falls: with a step, or with the best there is."""
+    if step is None:
+        step = -np.linalg.lstsq(jacobian.T @ jacobian, jacobian.T @ residual)[0]
+    return float(np.sum(residual**2) - np.sum((residual + jacobian @ step) ** 2))

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 import jaxrt
-from jaxrt.fit import FitError, Machine, Problem, Progress, fit, judge, standard_errors, unknowns_of
+from jaxrt.fit import FitError, Machine, Problem, Progress, standard_errors, unknowns_of
+from jaxrt.fit.descent import descend
+from jaxrt.fit.verdict import judge
 from jaxrt.gradcheck.functionals import functionals
 from jaxrt.gradcheck.report import compare
 from jaxrt.scene.selectors import parse_selector
@@ -58,7 +60,7 @@ def off(machine: Machine, vector: np.ndarray, scene: jaxrt.Scene) -> float:
 
 
 def test_o3_a_solved_fit_is_at_the_noise_floor_on_fresh_seeds(figures, position: Machine, scene: jaxrt.Scene) -> None:
-    answer = fit(position.again(lit_from(scene, [-2.0, 6.0, -2.0])), SPP)
+    answer = descend(position.again(lit_from(scene, [-2.0, 6.0, -2.0])), SPP)
     assert answer.verdict.word == "solved", answer.verdict
     assert off(position, answer.vector, scene) <= 0.01 * DIAGONAL
     # The target's own noise adds a sixteenth, the fit's error of order k/n
@@ -71,7 +73,7 @@ def test_o3_a_solved_fit_is_at_the_noise_floor_on_fresh_seeds(figures, position:
 def test_o2_a_light_that_no_gradient_reaches_is_stalled(
     figures, position: Machine, scene: jaxrt.Scene, place: list[float]
 ) -> None:
-    answer = fit(position.again(lit_from(scene, place)), SPP)
+    answer = descend(position.again(lit_from(scene, place)), SPP)
     assert answer.verdict.word == "stalled", answer.verdict
     assert (
         "no gradient reaches lights.position[0].x, lights.position[0].y, lights.position[0].z" in answer.verdict.message
@@ -86,7 +88,7 @@ def test_o2_a_light_that_no_gradient_reaches_is_stalled(
 
 
 def test_o2_other_starts_are_the_remedy(figures, position: Machine, scene: jaxrt.Scene) -> None:
-    answer = fit(position.again(lit_from(scene, [1.0, -5.0, 1.0])), SPP, starts=32)
+    answer = descend(position.again(lit_from(scene, [1.0, -5.0, 1.0])), SPP, starts=32)
     assert answer.verdict.word == "solved", answer.verdict
     share = off(position, answer.vector, scene) / DIAGONAL
     figures("O2", "how far off a light is found after 32 starts, per size of the floor", ours=share, at_most=0.01)
@@ -94,7 +96,7 @@ def test_o2_other_starts_are_the_remedy(figures, position: Machine, scene: jaxrt
 
 def test_o3_noise_that_leaves_the_light_uncertain_is_named(figures, position: Machine, target: jnp.ndarray) -> None:
     noise = np.random.default_rng(0).normal(scale=2.0, size=target.shape)
-    answer = fit(position.again(target=target + noise.astype(np.float32)), SPP)
+    answer = descend(position.again(target=target + noise.astype(np.float32)), SPP)
     wrong = int(answer.verdict.word != "noise-limited")
     figures("O3", "fits of a noisy target not called noise-limited", ours=wrong, at_most=0)
     assert "lights.position[0]" in answer.verdict.message
@@ -102,7 +104,7 @@ def test_o3_noise_that_leaves_the_light_uncertain_is_named(figures, position: Ma
 
 def test_o1_albedo_against_intensity_is_ambiguous(figures, scale: Machine, scene: jaxrt.Scene) -> None:
     start = jaxrt.with_parameters(scene, {"lights.intensity": jnp.full((1, 3), 100.0)})
-    answer = fit(scale.again(start), SPP)
+    answer = descend(scale.again(start), SPP)
     assert answer.verdict.word == "ambiguous", answer.verdict
     assert len(answer.verdict.null) == 3
     figures(
@@ -128,7 +130,7 @@ def test_o1_albedo_against_intensity_is_ambiguous(figures, scale: Machine, scene
 @pytest.mark.parametrize("albedo", [0.0, 1.0, 1.2])
 def test_o4_starts_on_and_beyond_the_bounds_recover(figures, scale: Machine, scene: jaxrt.Scene, albedo: float) -> None:
     start = jaxrt.with_parameters(scene, {"materials.albedo": jnp.full((2, 3), albedo)})
-    answer = fit(scale.again(start), SPP)
+    answer = descend(scale.again(start), SPP)
     found = scale.problem.unknowns.values(answer.vector)
     ratio = found["materials.albedo[1]"] / found["materials.albedo[0]"]
     error = abs(ratio / (np.array([0.8, 0.4, 0.2]) / 0.6) - 1)
@@ -146,7 +148,7 @@ def test_o4_starts_on_and_beyond_the_bounds_recover(figures, scale: Machine, sce
 def test_o6_an_answer_is_never_worse_than_the_start(figures, position: Machine, scene: jaxrt.Scene) -> None:
     machine = position.again(scene)
     worse = Progress(3, 3, machine.start + 0.1, 1.0, (1.0,))
-    answer = fit(machine, SPP, resume=worse)
+    answer = descend(machine, SPP, resume=worse)
     moved = np.abs(answer.vector - machine.start)
     figures(
         "O6", "how far a fit resumed at a worse place strays from the better start", naive=0.1, ours=moved, at_most=0
@@ -156,7 +158,7 @@ def test_o6_an_answer_is_never_worse_than_the_start(figures, position: Machine, 
 
 def test_o7_a_target_that_is_not_finite_raises(figures, position: Machine, target: jnp.ndarray) -> None:
     with pytest.raises(FitError, match="check scene and target") as told:
-        fit(position.again(target=target.at[3, 4].set(jnp.nan)), SPP)
+        descend(position.again(target=target.at[3, 4].set(jnp.nan)), SPP)
     figures(
         "O7", "errors told of a target with a NaN; naive: no step is ever better", naive=0, ours=len([told]), at_least=1
     )
@@ -165,7 +167,7 @@ def test_o7_a_target_that_is_not_finite_raises(figures, position: Machine, targe
 def test_o7_a_scene_that_is_not_finite_raises(position: Machine, scene: jaxrt.Scene) -> None:
     bad = jaxrt.with_parameters(scene, {"lights.intensity": jnp.full((1, 3), jnp.inf)})
     with pytest.raises(FitError, match="not finite|no finite step"):
-        fit(position.again(bad), SPP)
+        descend(position.again(bad), SPP)
 
 
 def test_o5_far_starts_are_no_matter(figures, position: Machine, scene: jaxrt.Scene) -> None:
