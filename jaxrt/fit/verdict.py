@@ -137,8 +137,7 @@ def standard_errors(jacobian: Floats, residual: Floats) -> Floats:
     return np.sqrt(np.sum(scores**2, axis=1))
 
 
-def promised_gain(residual: Floats, jacobian: Floats, step: Floats | None) -> float:
+def promised_gain(residual: Floats, jacobian: Floats, step: NDArray[np.floating] | None) -> float:
     """Return by how much the linear model says that the loss falls: with a step, or with the best there is."""
-    if step is None:
-        step = -np.linalg.lstsq(jacobian.T @ jacobian, jacobian.T @ residual)[0]
-    return float(np.sum(residual**2) - np.sum((residual + jacobian @ step) ** 2))
+    change = -np.linalg.lstsq(jacobian.T @ jacobian, jacobian.T @ residual)[0] if step is None else step
+    return float(np.sum(residual**2) - np.sum((residual + jacobian @ change) ** 2))
