@@ -35,11 +35,14 @@ def use_cpu_cores(n: int | None = None) -> None:
     With n > 1, do not `vmap` whole solves: loops side by side that exchange pictures between devices can wait for one
     another for ever (jaxlib 0.10.1). `jax.lax.map` them, or render with `devices=jax.devices()[:1]`.
 
-    Raises ValueError for what is no number from 1 on, and RuntimeError (JAX's own) where a backend has started already.
+    Raises ValueError for what is no number from 1 on, and RuntimeError where JAX has started already.
     """
     if n is not None and (isinstance(n, bool) or not isinstance(n, int) or n < 1):
         raise ValueError(f"use_cpu_cores: n is {show(n)}: pass a whole number from 1 on, or none for all cores")
-    jax.config.update("jax_num_cpu_devices", usable_cores() if n is None else n)
+    try:
+        jax.config.update("jax_num_cpu_devices", usable_cores() if n is None else n)
+    except RuntimeError:
+        raise RuntimeError("use_cpu_cores: JAX has started already: call it before anything is computed") from None
 
 
 def render(

@@ -162,3 +162,62 @@ def test_names_and_settings():
 
 def test_families_differ():
     assert len({family.home for family in (MATERIALS, LIGHTS, CAMERAS)}) == 3
+
+
+def wrong(word, members):
+    """Return a class of a kind of one's own, with an albedo and these members."""
+    base = {"__module__": "mine", "__annotations__": {"albedo": Albedo} if word is MATERIALS else {}}
+    return type("Wrong", (), base | members)
+
+
+def up(*_):
+    return jnp.array([0.0, 1.0, 0.0])
+
+
+def pair(*_):
+    return up(), up()
+
+
+DELTA = {"is_delta": True}
+
+
+@pytest.mark.parametrize(
+    ("family", "members", "text"),
+    [
+        (MATERIALS, {"sample": pair, "evaluate": up}, r"evaluate returns \(3,\), want \(f cosθ \(3,\), pdf \(\)\)"),
+        (MATERIALS, {"sample": pair, "evaluate": lambda *_: None}, r"evaluate returns None, want \(f cosθ"),
+        (MATERIALS, {"sample": pair, "evaluate": pair}, r"evaluate returns \(\(3,\), \(3,\)\), want"),
+        (
+            MATERIALS,
+            {"sample": pair, "evaluate": lambda *_: (up(), 1)},
+            r"evaluate returns \(\(3,\), int32 \(\)\)",
+        ),
+        (
+            MATERIALS,
+            {"sample": lambda *_: (up(), 0.5)} | DELTA,
+            r"sample returns \(\(3,\), \(\)\), want \(wi",
+        ),
+        (MATERIALS, {"sample": lambda self, wo, u: wo} | DELTA, r"sample fails: TypeError: .*3 positional arguments"),
+        (MATERIALS, {"sample": lambda self, s, wo, u: self.albdo} | DELTA, r"sample fails: AttributeError: .*albdo"),
+        (MATERIALS, {"sample": pair, "is_dleta": True}, r"is_dleta says nothing \(did you mean is_delta\?\)"),
+        (MATERIALS, {"albedo": (2, 0, 0), "sample": pair} | DELTA, r"default of albedo: 2.0 is outside \[0, 1\]"),
+        (MATERIALS, {"albedo": 0.5, "sample": pair} | DELTA, r"default of albedo: 0.5 is not a list"),
+        (LIGHTS, {"sample": pair} | DELTA, r"sample returns \(\(3,\), \(3,\)\), want \(direction \(3,\), distance"),
+        (
+            LIGHTS,
+            {"sample": up, "pdf": lambda *_: 0.1, "emitted": lambda *_: 1.0},
+            r"emitted returns \(\), want",
+        ),
+        (CAMERAS, {"ray": pair}, r"ray returns \(\(3,\), \(3,\)\), want Ray\(origin"),
+    ],
+)
+def test_methods_that_answer_otherwise_are_refused_with_their_name(family, members, text):
+    known = dict(family.kinds)
+    with pytest.raises(TypeError, match=rf"^{family.word} Wrong: {text}"):
+        family(wrong(family, members))
+    assert family.kinds == known
+
+
+def test_what_is_no_class_is_refused():
+    with pytest.raises(TypeError, match="^material: decorates a class: write @jaxrt.material above one"):
+        MATERIALS(up)

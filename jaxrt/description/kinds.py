@@ -10,6 +10,7 @@ makes the table `type = "mirror"` of the scene file, a pytree of arrays, one row
 `materials.albedo` with its range. Names without annotation are statics, the same for all materials of the kind.
 """
 
+import difflib
 import importlib
 import inspect
 import re
@@ -27,7 +28,7 @@ from typing import (
 )
 
 import numpy as np
-from pydantic import BaseModel, Field, ValidationError, create_model
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError, create_model
 from pydantic.fields import FieldInfo
 
 from jaxrt.core.messages import nearest, show
@@ -92,6 +93,7 @@ class Family:
         rows: bool = True,
         shared: Mapping[str, tuple[Any, Any]] | None = None,
         named: bool = False,
+        tried: bool = False,
     ) -> None:
         """Make an empty family.
 
@@ -99,21 +101,26 @@ class Family:
         must have. statics: what a class may say, and what it says if it does not.
         default: the type of a table that names none. rows: whether there are many in a scene, as rows of arrays.
         shared: fields that all have, their type and default. named: whether a table may have a `name` for its row.
+        tried: whether methods of classes that are not ours are tried, see `contracts`.
         """
         self.word, self.owner, self.default = word, owner, default
         self._methods, self._statics, self._rows, self._shared = methods, statics, rows, shared or {}
         self._named: dict[str, Any] = {"name": (Name | None, None)} if named else {}
+        self._tried = tried
         self._kinds: dict[str, Kind] = {}
 
     @dataclass_transform(frozen_default=True)
     def __call__(self, cls: type[T]) -> type[T]:
         """Return `cls` as a kind that scene files may name, by its name in snake_case.
 
-        Raises TypeError for fields that are no numbers of `jaxrt.kinds`, for missing methods, and for a name that is
-        taken; a class of the same module and name is replaced.
+        Raises TypeError for fields that are no numbers of `jaxrt.kinds`, for defaults out of their range, for methods
+        that are missing, fail or return something else than they should, and for a name that is taken; a class of the
+        same module and name is replaced.
         """
         from jaxrt.core.pytree import pytree, static
 
+        if not isinstance(cls, type):
+            raise TypeError(f"{self.word}: decorates a class: write @jaxrt.{self.word} above one")
         name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", cls.__name__).lower()
         for field in self._shared.keys() - get_type_hints(cls).keys():
             cls.__annotations__[field], default = self._shared[field]
@@ -132,14 +139,26 @@ class Family:
         for key, value in self._statics.items():
             if not hasattr(cls, key):
                 setattr(cls, key, value)
+        self._check_statics(cls)
         missing = [method for method in self._methods(cls) if not callable(getattr(cls, method, None))]
         if missing:
             raise TypeError(f"{self.word} {cls.__qualname__}: has no method {missing[0]}: define it")
         kind = Kind(name, pytree(cls), table, measures, settings)
         self._admit(kind)
+        if self._tried and not cls.__module__.startswith("jaxrt."):
+            from jaxrt.description.contracts import check_methods
+
+            check_methods(self.word, kind, tuple(self._methods(cls)))
         kind.cls.Table, kind.cls.kind = table, kind
         self._kinds[name] = kind
         return kind.cls
+
+    def _check_statics(self, cls: type) -> None:
+        """Raise TypeError for what looks like a misspelt static."""
+        for name, value in vars(cls).items():
+            near = difflib.get_close_matches(name, self._statics, n=1, cutoff=0.8) if isinstance(value, bool) else []
+            if near and name not in self._statics:
+                raise TypeError(f"{self.word} {cls.__qualname__}: {name} says nothing (did you mean {near[0]}?)")
 
     def _fields(self, cls: type) -> tuple[dict[str, Measure], tuple[str, ...], dict[str, Any]]:
         """Return the measures of a class's arrays, its other fields, and all as columns of a table."""
@@ -161,8 +180,17 @@ class Family:
                 settings.append(field)
             default = getattr(cls, field, ...)
             plain = default is not ... and not isinstance(default, FieldInfo)
+            if plain and measure is not None:
+                self._check_default(cls, field, hint, default)
             columns[field] = (hint, Field(default=default, validate_default=True) if plain else default)
         return measures, tuple(settings), columns
+
+    def _check_default(self, cls: type, field: str, hint: Any, default: Any) -> None:
+        """Raise TypeError for a default that the field would not take."""
+        try:
+            TypeAdapter(hint).validate_python(default)
+        except ValidationError as error:
+            raise TypeError(f"{self.word} {cls.__qualname__}: default of {field}: {told(error)[0]}") from None
 
     def _admit(self, kind: Kind) -> None:
         """Raise TypeError where another kind has the name, or one of the parameters with another meaning."""
@@ -265,9 +293,9 @@ def _of_camera(cls: Any) -> Sequence[str]:
 
 
 MATERIALS = Family(
-    "material", "materials", _of_material, {"is_delta": False, "is_lambertian": False, "transmits": False}
+    "material", "materials", _of_material, {"is_delta": False, "is_lambertian": False, "transmits": False}, tried=True
 )
-LIGHTS = Family("light", "lights", _of_light, {"is_delta": False}, default="sphere", named=True)
+LIGHTS = Family("light", "lights", _of_light, {"is_delta": False}, default="sphere", named=True, tried=True)
 CAMERAS = Family(
     "camera",
     "camera",
@@ -275,6 +303,7 @@ CAMERAS = Family(
     {"is_central": False},
     default="pinhole",
     rows=False,
+    tried=True,
     shared={"width": (Count, 512), "height": (Count, 512)},
 )
 material, light, camera = MATERIALS, LIGHTS, CAMERAS

@@ -15,7 +15,7 @@ from jaxrt.core.messages import one_line
 from jaxrt.description import SceneDescription, Solid
 from jaxrt.description.kinds import CAMERAS, LIGHTS, MATERIALS, Family
 from jaxrt.scene import Scene
-from jaxrt.scene.parameters import parameters
+from jaxrt.scene.parameters import names, parameters
 from jaxrt.shapes import Triangles
 from jaxrt.shapes.search.bvh import survey
 
@@ -50,8 +50,9 @@ def print_summary(
     console.print(_table("lights", ("", "position", "intensity W/sr", "radius"), _lights(description)))
     if any(light.type != LIGHTS.default for light in description.lights):
         console.print(_table("other lights", ("", "type", "value"), _other_lights(description)))
-    shapes = [(name, str(value.shape)) for name, value in parameters(scene).items()]
-    console.print(_table("parameters", ("name", "shape"), shapes))
+    called = names(scene)
+    shapes = [(name, str(value.shape), ", ".join(called.get(name, ()))) for name, value in parameters(scene).items()]
+    console.print(_table("parameters", ("name", "shape", "rows with names"), shapes))
     for message in messages:
         console.print(f"warning: {_plain(message)}", soft_wrap=True)
 
