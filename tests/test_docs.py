@@ -51,6 +51,7 @@ def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     monkeypatch.setattr("jaxrt.programs.keep._kept", [])
     monkeypatch.setattr("jaxrt.programs.keep.lend_jax_files", set_up.append)
     monkeypatch.setattr("jaxrt.programs.keep.gc.freeze", lambda: None)
+    monkeypatch.setattr("jaxrt.programs.keep.gc.set_threshold", lambda *counts: None)
     monkeypatch.setattr("jax.config.update", lambda name, value: set_up.append((name, value)))
     return set_up
 

@@ -12,6 +12,7 @@ from jaxrt.core.messages import show
 from jaxrt.programs.jax_files import lend_jax_files
 from jaxrt.programs.private import CHOOSE, cache_folder, private_folder
 
+SELDOM = 50_000  # new objects between two looks of the garbage collector
 _kept: list[Path] = []  # the folder of this process, once there is one
 
 
@@ -23,7 +24,8 @@ def keep_programs(folder: str | PathLike[str] | None = None) -> Path:
 
     folder: by default `$XDG_CACHE_HOME/jaxrt`, the command line's. Programs are code: the folder is made, or must be,
     the user's own, of mode 0700, on a path without links that nobody else can write in. What Python has loaded so far
-    is taken out of the garbage collector's sight (`gc.freeze`): tracing would have it looked through time and again.
+    is taken out of the garbage collector's sight (`gc.freeze`), which looks less often from now on (`gc.set_threshold`):
+    tracing makes many objects that stay, and would have them looked through time and again.
 
     Raises ValueError, in one line, where the folder is not such, for what is no folder's name, and where JAX keeps its
     programs elsewhere already; OSError where there is no room.
@@ -43,4 +45,7 @@ def keep_programs(folder: str | PathLike[str] | None = None) -> Path:
     reset_cache()  # JAX looks for its folder once, before it compiles for the first time
     _kept.append(wanted)
     gc.freeze()
+    young, *others = gc.get_threshold()
+    if young:  # 0: the caller has none
+        gc.set_threshold(max(young, SELDOM), *others)
     return wanted
