@@ -24,7 +24,7 @@ def keep_programs(folder: str | PathLike[str] | None = None) -> Path:
 
     folder: by default `$XDG_CACHE_HOME/jaxrt`, the command line's. Programs are code: the folder is made, or must be,
     the user's own, of mode 0700, on a path without links that nobody else can write in. What Python has loaded so far
-    is taken out of the garbage collector's sight (`gc.freeze`), which looks less often from now on (`gc.set_threshold`):
+    is taken out of the garbage collector's sight (`gc.freeze`), which looks less often from then on (`set_threshold`):
     tracing makes many objects that stay, and would have them looked through time and again.
 
     Raises ValueError, in one line, where the folder is not such, for what is no folder's name, and where JAX keeps its
