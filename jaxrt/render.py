@@ -1,6 +1,7 @@
 """From a scene to a picture."""
 
 import operator
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -24,6 +25,7 @@ from jaxrt.transport.interior import draw
 from jaxrt.transport.path import Tables, tables_of
 
 CPU_TILE = (16, 8)  # pixels of a packet on a CPU: its values stay in the first-level cache
+THREADS = 8  # of XLA's pool, for each CPU device
 WIDE_TILE = (512, 128)  # on accelerators, which want many lanes at once
 
 
@@ -39,8 +41,13 @@ def use_cpu_cores(n: int | None = None) -> None:
     """
     if n is not None and (isinstance(n, bool) or not isinstance(n, int) or n < 1):
         raise ValueError(f"use_cpu_cores: n is {show(n)}: pass a whole number from 1 on, or none for all cores")
+    n = usable_cores() if n is None else n
+    # Where devices exchange results, each blocks a thread of XLA's one pool until the others come: were there no more
+    # threads than cores, all could wait for one another for ever (seen in loops of steps, jaxlib 0.10.1)
+    if n > 1:
+        os.environ.setdefault("NPROC", str(THREADS * n))
     try:
-        jax.config.update("jax_num_cpu_devices", usable_cores() if n is None else n)
+        jax.config.update("jax_num_cpu_devices", n)
     except RuntimeError:
         raise RuntimeError("use_cpu_cores: JAX has started already: call it before anything is computed") from None
 

@@ -118,3 +118,17 @@ def test_s5_numbers_of_cores_that_are_none():
     for n in (0, -1, 1.5, "two", True):
         with pytest.raises(ValueError, match=r"use_cpu_cores: n is .+: pass a whole number from 1 on, or none for all"):
             jaxrt.use_cpu_cores(n)
+
+
+def test_devices_have_threads_to_wait_in(monkeypatch):
+    """A loop of steps on two devices never ended when XLA's pool had as many threads as cores."""
+    set_up = {}
+    monkeypatch.setattr("jax.config.update", set_up.__setitem__)
+    monkeypatch.delenv("NPROC", raising=False)
+    jaxrt.use_cpu_cores(1)
+    assert "NPROC" not in os.environ
+    jaxrt.use_cpu_cores(3)
+    assert set_up == {"jax_num_cpu_devices": 3} and os.environ["NPROC"] == "24"
+    monkeypatch.setenv("NPROC", "7")
+    jaxrt.use_cpu_cores(2)
+    assert os.environ["NPROC"] == "7"
