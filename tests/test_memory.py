@@ -1,5 +1,6 @@
 """Pictures that do not fit into what this process may take."""
 
+import os
 import subprocess
 import sys
 
