@@ -45,9 +45,9 @@ class Pinhole:
             return (x, y, z - 1) if value is None else value
 
         @model_validator(mode="after")
-        def _check_frame(self) -> Any:
-            position, target, up = self.position, self.target, self.up  # type: ignore[attr-defined]
-            view = np.subtract(target, position)
+        def _check_frame(self: Any) -> Any:
+            up = self.up
+            view = np.subtract(self.target, self.position)
             length, up_length = np.linalg.norm(view), np.linalg.norm(up)
             if length < SHORTEST:
                 raise complaint("is the camera's position: nothing to look along, move one of them", "target")
@@ -57,9 +57,9 @@ class Pinhole:
                 raise complaint(f"{show(up)} is parallel to the view: choose another direction", "up")
             return self
 
-        def doubts(self, sizes: Sequence[float]) -> Iterator[str]:
+        def doubts(self: Any, sizes: Sequence[float]) -> Iterator[str]:
             """Tell of a view that is hardly meant. sizes: the angles under which it sees things."""
-            fov = self.fov  # type: ignore[attr-defined]
+            fov = self.fov
             if fov > STRETCHED:
                 yield f"camera: fov {fov:g} degrees stretches the picture's edges beyond recognition: use 20 to 100"
             if RADIANS[0] <= fov < RADIANS[1] and sizes and np.radians(fov) < SPECK * float(np.median(sizes)):

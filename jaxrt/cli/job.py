@@ -12,7 +12,7 @@ import numpy as np
 from jaxrt.cli.errors import UsageError, refusing
 from jaxrt.cli.start import warn
 from jaxrt.io.partial import MACHINE, SUFFIX, Facts, Partial, difference, read_partial
-from jaxrt.programs.key import code, code_of_kinds, cpu_features
+from jaxrt.programs.key import code_of, cpu_features
 from jaxrt.scene import Scene
 from jaxrt.transport.film import BLOCK, Plan
 
@@ -20,7 +20,7 @@ from jaxrt.transport.film import BLOCK, Plan
 def facts_of(scene: Scene, plan: Plan, seed: int, spp: int) -> Facts:
     """Return what determines every sample: two pictures with the same facts are the same picture."""
     return {
-        "code": code() + code_of_kinds(scene, plan),
+        "code": code_of(scene, plan),
         "jax": version("jax"),
         "jaxlib": version("jaxlib"),
         "width": scene.camera.width,

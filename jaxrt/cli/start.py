@@ -43,9 +43,11 @@ def described(args: argparse.Namespace) -> SceneDescription:
     return description.model_copy(update={"camera": camera, "render": render})
 
 
-def present(cores: int) -> int:
-    """Return at most the cores that there are."""
+def present(cores: int | None) -> int:
+    """Return at most the cores that there are, and all of them for None."""
     most = usable_cores()
+    if cores is None:
+        return most
     if cores > most:
         warn(f"--cores {cores}: this machine has {most}, taking these")
     return min(cores, most)

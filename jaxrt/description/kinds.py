@@ -101,7 +101,7 @@ class Family:
         must have. statics: what a class may say, and what it says if it does not.
         default: the type of a table that names none. rows: whether there are many in a scene, as rows of arrays.
         shared: fields that all have, their type and default. named: whether a table may have a `name` for its row.
-        tried: whether methods of classes that are not ours are tried, see `contracts`.
+        tried: whether defaults and methods (see `contracts`) of classes that are not ours are tried.
         """
         self.word, self.owner, self.default = word, owner, default
         self._methods, self._statics, self._rows, self._shared = methods, statics, rows, shared or {}
@@ -145,13 +145,16 @@ class Family:
             raise TypeError(f"{self.word} {cls.__qualname__}: has no method {missing[0]}: define it")
         kind = Kind(name, pytree(cls), table, measures, settings)
         self._admit(kind)
-        if self._tried and not cls.__module__.startswith("jaxrt."):
+        if self._is_tried(cls):
             from jaxrt.description.contracts import check_methods
 
             check_methods(self.word, kind, tuple(self._methods(cls)))
         kind.cls.Table, kind.cls.kind = table, kind
         self._kinds[name] = kind
         return kind.cls
+
+    def _is_tried(self, cls: type) -> bool:
+        return self._tried and not cls.__module__.startswith("jaxrt.")
 
     def _check_statics(self, cls: type) -> None:
         """Raise TypeError for what looks like a misspelt static."""
@@ -180,7 +183,7 @@ class Family:
                 settings.append(field)
             default = getattr(cls, field, ...)
             plain = default is not ... and not isinstance(default, FieldInfo)
-            if plain and measure is not None:
+            if plain and measure is not None and self._is_tried(cls):
                 self._check_default(cls, field, hint, default)
             columns[field] = (hint, Field(default=default, validate_default=True) if plain else default)
         return measures, tuple(settings), columns
@@ -233,9 +236,9 @@ class Family:
                 found.setdefault(f"{self.owner}.{field}", measure)
         return found
 
-    def kind_of(self, table: Table) -> Kind:
+    def kind_of(self, table: Any) -> Kind:
         """Return the kind of a validated table."""
-        return self.kinds[table.type]  # type: ignore[attr-defined]
+        return self.kinds[table.type]
 
     def check_type(self, value: Mapping[Any, Any], *place: str | int) -> None:
         """Complain of a table that names no type, or one that is not known."""

@@ -33,10 +33,9 @@ class Sphere:
         """Its table, further checked."""
 
         @model_validator(mode="after")
-        def _check_radiance(self) -> Any:
-            intensity, radius = self.intensity, self.radius  # type: ignore[attr-defined]
-            if radius and max(intensity) / (math.pi * radius**2) > values.BRIGHTEST_SURFACE:
-                raise values.complaint(f"{radius} makes the radiance too large for float32: use 0", "radius")
+        def _check_radiance(self: Any) -> Any:
+            if self.radius and max(self.intensity) / (math.pi * self.radius**2) > values.BRIGHTEST_SURFACE:
+                raise values.complaint(f"{self.radius} makes the radiance too large for float32: use 0", "radius")
             return self
 
     @property

@@ -43,7 +43,7 @@ def key_of(scene: Scene, run: Run, plan: Plan) -> bytes:
         "cpu": _digest(cpu_features()),
         "flags": {name: os.environ[name] for name in FLAGS if name in os.environ},
         "settings": _digest(repr({k: v for k, v in settings.items() if not k.startswith(BESIDE)})),
-        "code": code() + code_of_kinds(scene, plan),
+        "code": code_of(scene, plan),
         "structure": _digest(repr((structure, shapes, plan))),
     }
     return json.dumps(key, sort_keys=True).encode()
@@ -71,14 +71,27 @@ def code() -> str:
     return digest.hexdigest()
 
 
+def code_of(scene: Scene, plan: Plan) -> str:
+    """Return what tells the code that draws a scene: jaxrt's own, and that of users' kinds if any are in it."""
+    return code() + code_of_kinds(scene, plan)
+
+
 def code_of_kinds(scene: Scene, plan: Plan) -> str:
     """Return the SHA-256 of the program as it is traced, where kinds of users' own are in it, else nothing."""
     things = jax.tree.leaves(scene, is_leaf=lambda thing: hasattr(thing, "kind"))
     if all(type(thing).__module__.startswith("jaxrt.") for thing in things if hasattr(thing, "kind")):
         return ""
+    leaves, structure = jax.tree.flatten(jax.eval_shape(tables_of, scene))
+    return _traced(tuple(leaves), structure, plan)
+
+
+@cache
+def _traced(leaves: tuple[jax.ShapeDtypeStruct, ...], structure: Any, plan: Plan) -> str:
+    """Return the SHA-256 of the program of such tables; lowering takes seconds, and a render asks twice."""
     number: Any = jax.ShapeDtypeStruct((), jnp.int32)
     run = Run(number.update(dtype=jnp.uint32), number, number, number)
-    return _digest(sum_share.lower(jax.eval_shape(tables_of, scene), run, number, plan).as_text())
+    tables = jax.tree.unflatten(structure, leaves)
+    return _digest(sum_share.lower(tables, run, number, plan).as_text())
 
 
 def _digest(text: str) -> str:

@@ -30,11 +30,13 @@ def names(scene: Scene) -> dict[str, tuple[str, ...]]:
 
 
 @overload
-def parameters(scene: Scene) -> dict[str, Array]: ...
+def parameters(scene: Scene) -> dict[str, Array]:
+    """Return all parameters by name."""
 
 
 @overload
-def parameters(scene: Scene, selector: str) -> Array: ...
+def parameters(scene: Scene, selector: str) -> Array:
+    """Return the values that a selector names."""
 
 
 def parameters(scene: Scene, selector: str | None = None) -> dict[str, Array] | Array:

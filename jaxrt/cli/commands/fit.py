@@ -17,7 +17,7 @@ def run(args: argparse.Namespace) -> int:
     from jaxrt.cli import start
     from jaxrt.fit.command import run_fit
 
-    start.start_jax(start.present(args.cores or start.usable_cores()))
+    start.start_jax(start.present(args.cores))
     start.check_devices()
     with refusing():
         return run_fit(args)

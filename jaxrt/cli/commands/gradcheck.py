@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from jaxrt.cli import start
 from jaxrt.cli.errors import refusing
 from jaxrt.cli.progress import progress
-from jaxrt.cli.start import built, check_output, described, present, usable_cores
+from jaxrt.cli.start import built, check_output, described, present
 from jaxrt.gradcheck import gradcheck, heatmap
 from jaxrt.io.image import save_image
 from jaxrt.io.scene_file import read_description
@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> int:
         args.width, args.height = _check_size(args)
     args.spp = args.spp or CHECK_SPP
     description = described(args)
-    start.start_jax(present(args.cores or usable_cores()))
+    start.start_jax(present(args.cores))
     scene = built(description)
     name, row = parse_selector(args.parameter, scene)
     options = {k: getattr(args, k) for k in ("component", "boundary_samples", "step", "seeds")}

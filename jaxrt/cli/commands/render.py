@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     output = _output(args)
     description = described(args)
     began = time.perf_counter()
-    cores = start.present(args.cores or start.usable_cores())
+    cores = start.present(args.cores)
     folder = start.start_jax(1)
     spp = description.render.spp
     _check_sampler(args.sampler, spp)
