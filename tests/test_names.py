@@ -169,3 +169,13 @@ def test_s5_a_fit_takes_all_vertices_of_a_mesh_by_its_name(scene):
     values = [*moved, jaxrt.parameters(scene, "materials.albedo[silver]")]
     changed = unknowns.put(scene, values)
     np.testing.assert_allclose(jaxrt.parameters(changed, "meshes.vertices[mug]"), moved)
+
+
+def test_a_number_is_a_row_also_where_a_thing_goes_by_it():
+    mapping = table(lamp="0", white="1")
+    scene = jaxrt.build(mapping)
+    for name, row in (("lights.position[0]", 0), ("lights.position[1]", 1), ("materials.albedo[1]", 1)):
+        assert parse_selector(name, scene).row == row
+        owner = name.partition("[")[0]
+        np.testing.assert_array_equal(jaxrt.parameters(scene, name), jaxrt.parameters(scene)[owner][row])
+    assert [row.selector.row for row in sought(scene, ["lights.position"]).rows] == [0, 1]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from jaxrt.core.writing import write_text
 from jaxrt.description import MeshDescription, SceneDescription, SceneError
 from jaxrt.io.scene_file import read_text
-from jaxrt.scene.selectors import Selector, material_names, place_in_file
+from jaxrt.scene.selectors import Selector, place_in_file
 
 Floats = NDArray[np.floating]
 
@@ -49,24 +49,17 @@ def _put(document: Any, selector: Selector, text: str, value: Floats, scene: Sce
     elif owner in ("camera", "environment"):
         document[owner][field] = _plain(value)
     else:
-        table = _material(document, selector, scene) if owner == "materials" else None
-        table = document[owner][place_in_file(scene, selector)] if table is None else table
-        table[field] = _plain(value)
+        place = place_in_file(scene, selector)
+        if owner == "materials" and place not in document.setdefault("materials", {}):
+            # A mesh file has brought it along
+            document["materials"][place] = scene.materials[str(place)].model_dump(mode="json", exclude_none=True)
+        document[owner][place][field] = _plain(value)
 
 
 def _plain(value: Floats) -> Any:
     """Return plain numbers, of the digits that float32 has."""
     numbers = [float(str(v)) for v in np.asarray(value, np.float32).ravel()]
     return numbers if np.ndim(value) else numbers[0]
-
-
-def _material(document: Any, selector: Selector, scene: SceneDescription) -> Any:
-    """Return the table of a material; one that a mesh file has brought along gets one."""
-    assert selector.row is not None
-    name = material_names(scene, selector.name)[selector.row]
-    if name not in document.setdefault("materials", {}):
-        document["materials"][name] = scene.materials[name].model_dump(mode="json", exclude_none=True)
-    return document["materials"][name]
 
 
 def _put_vertices(document: Any, rows: NDArray[np.intp], places: Floats, text: str, scene: SceneDescription) -> None:

@@ -18,6 +18,7 @@ from jaxrt.description import SceneError
 from jaxrt.lights import casters_of
 from jaxrt.scene import Scene
 from jaxrt.scene.measures import has_rows, measure
+from jaxrt.scene.names import rows_called
 from jaxrt.scene.parameters import parameters, with_parameters
 from jaxrt.scene.selectors import Selector
 
@@ -77,13 +78,8 @@ class Unknowns(NamedTuple):
 
     def put(self, scene: Scene, values: Sequence[ArrayLike]) -> Scene:
         """Return the scene with a value for each unknown."""
-        old = parameters(scene)
-        new: dict[str, Array] = {}
-        for row, value in zip(self.rows, values, strict=True):
-            name, index = row.selector
-            whole, shaped = new.get(name, old[name]), jnp.reshape(jnp.asarray(value), row.shape)
-            new[name] = shaped if index is None else whole.at[index].set(shaped)
-        return with_parameters(scene, new)
+        rows = zip(self.rows, values, strict=True)
+        return with_parameters(scene, {str(row.selector): jnp.reshape(jnp.asarray(x), row.shape) for row, x in rows})
 
     def values(self, vector: ArrayLike) -> dict[str, Floats]:
         """Return the value of each unknown by the user's name for it."""
@@ -168,9 +164,8 @@ def all_rows(texts: Sequence[str], scene: Scene) -> list[str]:
     """Return the texts with each name of several rows, a parameter or a mesh's vertices, replaced by all of these."""
     values, out = parameters(scene), []
     for text in texts:
-        name, _, row = text.partition("[")
-        rows = scene.names.of(name).get(row.removesuffix("]")) if row else slice(None)
-        several = name in values and has_rows(name) and isinstance(rows, slice)
-        numbers = range(values[name].shape[0])[rows] if several and isinstance(rows, slice) else ()
+        name, row = rows_called(scene.names, text, values)
+        rows = slice(None) if row is None and has_rows(name) else row
+        numbers = range(values[name].shape[0])[rows] if isinstance(rows, slice) else ()
         out += [f"{name}[{i}]" for i in numbers] if len(numbers) > 1 else [text]
     return out

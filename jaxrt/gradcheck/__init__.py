@@ -21,7 +21,7 @@ from jaxrt.render import prepare, render
 from jaxrt.scene import Scene, check_scene
 from jaxrt.scene.measures import measure
 from jaxrt.scene.parameters import parameters, with_parameters
-from jaxrt.scene.selectors import Selector, parse_selector, select
+from jaxrt.scene.selectors import Selector, select
 
 __all__ = ["Component", "Group", "Report", "gradcheck", "heatmap"]
 
@@ -59,7 +59,7 @@ def gradcheck(
     Raises SceneError for an unknown parameter or row, and ValueError for arguments out of range.
     """
     check_scene(scene)
-    selector = parse_selector(name, scene) if "[" in name and row is None else select(scene, name, row)
+    selector = select(scene, name, row)
     name = selector.name
     spp = scene.defaults.spp if spp is None else spp
     max_depth = scene.defaults.max_depth if max_depth is None else max_depth

@@ -90,15 +90,15 @@ def rows_called(names: Names, text: str, parameters: Mapping[str, jax.Array]) ->
         return name, None
     if not has_rows(name):
         raise SceneError(f"{name}[{row}]: {name} has no rows: write {name}")
-    called = names.of(name)
-    if row in called:
-        return name, called[row]
-    n = parameters[name].shape[0]
+    called, n = names.of(name), parameters[name].shape[0]
+    # A number is one, also where a thing goes by it
     if re.fullmatch(r"[+-]?\d+", row):
         # Python reads no number of thousands of digits
         if len(row) > DIGITS or not 0 <= int(row) < n:
             raise SceneError(f"{name}[{row}]: no such row: use {name}[0]" + (f" to {name}[{n - 1}]" if n > 1 else ""))
         return name, int(row)
+    if row in called:
+        return name, called[row]
     if not called:
         raise SceneError(f"{name}[{row}]: {show(row)} is not a row number: write {name}[0]")
     owner = name.partition(".")[0]
