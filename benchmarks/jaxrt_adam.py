@@ -14,17 +14,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from benchmarks.adam_task import adam_parser
+
 BEGIN = time.perf_counter()
 
 
 def arguments() -> argparse.Namespace:
     """Return the parsed command line."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("scene")
-    for name, default in (("width", 64), ("height", 64), ("spp", 8), ("target-spp", 64), ("steps", 100)):
-        parser.add_argument(f"--{name}", type=int, default=default)
-    parser.add_argument("--max-depth", type=int)
-    parser.add_argument("--rate", type=float, default=0.02)
+    parser = adam_parser()
     parser.add_argument("--cores", type=int, default=os.cpu_count())
     return parser.parse_args()
 

@@ -8,12 +8,12 @@ Prints one line of JSON: seconds of the target, of the first step, of the others
 how far the albedos are off at the end.
 """
 
-import argparse
 import json
 import time
 import tomllib
 from pathlib import Path
 
+from adam_task import adam_parser
 from mitsuba_side import NO_ROULETTE, scene_of
 
 BEGIN = time.perf_counter()
@@ -21,13 +21,7 @@ BEGIN = time.perf_counter()
 
 def arguments():
     """Return the parsed command line, with what `scene_of` asks for."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("scene")
-    for name, default in (("width", 64), ("height", 64), ("spp", 8), ("target-spp", 64), ("steps", 100)):
-        parser.add_argument(f"--{name}", type=int, default=default)
-    parser.add_argument("--max-depth", type=int)
-    parser.add_argument("--rate", type=float, default=0.02)
-    options = parser.parse_args()
+    options = adam_parser().parse_args()
     options.max_depth = options.max_depth or tomllib.loads(Path(options.scene).read_text())["render"]["max_depth"]
     return options
 

@@ -1,6 +1,5 @@
 """From a scene to a picture."""
 
-import operator
 import os
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,6 +13,7 @@ from jax.typing import ArrayLike
 
 from jaxrt import boundary
 from jaxrt.boundary.tangent import moving_edges
+from jaxrt.core.counts import whole_number
 from jaxrt.core.messages import nearest, show
 from jaxrt.core.samplers import SAMPLERS, seed_from_key
 from jaxrt.core.system import usable_cores
@@ -123,13 +123,7 @@ def _count(name: str, value: int, least: int = 1) -> int:
         raise ValueError(
             f"render: {name} is traced, but the program depends on it: pass a number, or jit over the rest"
         )
-    try:
-        number = operator.index(value)
-    except TypeError:
-        raise ValueError(f"render: {name} is {show(value)}, want a whole number") from None
-    if number < least:
-        raise ValueError(f"render: {name} is {number}, want at least {least}")
-    return number
+    return whole_number(f"render: {name}", value, least)
 
 
 class Options(TypedDict, total=False):

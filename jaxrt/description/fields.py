@@ -24,21 +24,6 @@ from jaxrt.description.values import (
     show,
 )
 
-__all__ = [
-    "Albedo",
-    "Angle",
-    "Direction",
-    "Fraction",
-    "Ior",
-    "LightRadius",
-    "Place",
-    "Positive",
-    "Radius",
-    "Real",
-    "Rgb",
-    "Up",
-]
-
 
 def _grey(value: Any) -> Any:
     """Return three values of a list, or one number for each channel."""

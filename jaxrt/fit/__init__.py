@@ -3,16 +3,17 @@
 What a program of a few lines does with optimistix itself (see examples/), for those who do not write one.
 """
 
-import operator
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
+from jaxrt.core.counts import whole_number
 from jaxrt.core.extras import require
 from jaxrt.description import SceneWarning, show
 from jaxrt.fit.answer import Fit, answer_of
@@ -71,16 +72,22 @@ def fit(
     """
     require("fit", "optimistix")
     check_scene(scene)
-    spp = _count("spp", scene.defaults.spp if spp is None else spp, 1)
-    counts = {"max_steps": _count("max_steps", max_steps, 1), "starts": _count("starts", starts, 1)}
-    depth = _count("max_depth", scene.defaults.max_depth if max_depth is None else max_depth, 1)
+    spp = _count("spp", scene.defaults.spp if spp is None else spp)
+    counts = {"max_steps": _count("max_steps", max_steps), "starts": _count("starts", starts)}
+    depth = _count("max_depth", scene.defaults.max_depth if max_depth is None else max_depth)
     picture, trust = _checked(target, weight)
     unknowns = sought(scene, parameters)
     missing = missing_terms(scene, unknowns, depth)
     if missing:
         warnings.warn(warning_of(missing), SceneWarning, stacklevel=2)
     problem = Problem(_sized(scene, picture), unknowns, picture, trust, depth)
-    found = descend(Machine(problem), spp, _count("seed", seed, 0), **counts, resume=resume, report=progress)
+    seed = _count("seed", seed, least=0)
+
+    def report(step: Step) -> None:
+        if progress is not None:
+            progress(step._replace(lacks=missing))
+
+    found = descend(Machine(problem), spp, seed, **counts, resume=resume, report=report)
     return answer_of(scene, problem, found, missing)
 
 
@@ -121,7 +128,7 @@ def _sized(scene: Scene, picture: Array) -> Scene:
     """Return the scene with a camera of the target's size. Raises FitError for another shape."""
     height, width, _ = picture.shape
     camera = scene.camera
-    if abs(camera.width * height - camera.height * width) > max(camera.width, camera.height):
+    if not alike(camera, width, height):
         raise FitError(
             f"target: {width}x{height}, but the scene's camera has {camera.width}x{camera.height}, another shape: set "
             "camera.width and camera.height, or crop the picture"
@@ -129,11 +136,10 @@ def _sized(scene: Scene, picture: Array) -> Scene:
     return replace(scene, camera=replace(camera, width=width, height=height))
 
 
-def _count(name: str, value: int, least: int) -> int:
-    try:
-        number = operator.index(value)
-    except TypeError:
-        raise ValueError(f"fit: {name} is {show(value)}, want a whole number") from None
-    if not least <= number < 2**32:
-        raise ValueError(f"fit: {name} is {number}, want at least {least}, and less than 2**32")
-    return number
+def alike(camera: Any, width: int, height: int) -> bool:
+    """Return whether a picture of that size has the shape of the camera's, up to a pixel."""
+    return abs(camera.width * height - camera.height * width) <= max(camera.width, camera.height)
+
+
+def _count(name: str, value: int, least: int = 1) -> int:
+    return whole_number(f"fit: {name}", value, least, bits=32)

@@ -6,7 +6,7 @@ import warnings
 from pathlib import Path
 
 from jaxrt.description import SceneDescription, SceneWarning
-from jaxrt.fit import Fit, Step, fit, sought
+from jaxrt.fit import Fit, Step, alike, fit, sought
 from jaxrt.fit.answer import numbers
 from jaxrt.fit.document import write_scene
 from jaxrt.fit.files import (
@@ -19,7 +19,6 @@ from jaxrt.fit.files import (
     read_progress,
     write_report,
 )
-from jaxrt.fit.lacks import missing_terms
 from jaxrt.io.scene_file import read_description
 from jaxrt.scene import build
 from jaxrt.scene.checks import check_memory
@@ -45,7 +44,6 @@ def _run(args: argparse.Namespace) -> int:
     scene = build(description)
     unknowns = sought(scene, args.parameters)
     _say(*target.notes)
-    missing = missing_terms(scene, unknowns, args.max_depth or description.render.max_depth)
     folder: Path = args.output
     folder.mkdir(exist_ok=True)
     resume = read_progress(folder / "fit.json", unknowns) if args.resume else None
@@ -55,7 +53,7 @@ def _run(args: argparse.Namespace) -> int:
         _say(told(step))
         if step.accepted:
             write_scene(args.scene, folder / "fitted.toml", step.values, selectors, description)
-        write_report(folder / "fit.json", progress_report(step.values, step.progress, missing))
+        write_report(folder / "fit.json", progress_report(step.values, step.progress, step.lacks))
 
     if resume is None:
         # What has no place in the file is refused before anything is compiled
@@ -81,9 +79,7 @@ def _sized(description: SceneDescription, target: Target, args: argparse.Namespa
     height, width, _ = target.image.shape
     camera = description.camera
     check_memory(width, height, str(args.target))
-    if (camera.width, camera.height) == (width, height):
-        return description
-    if abs(camera.width * height - camera.height * width) > max(camera.width, camera.height):
+    if (camera.width, camera.height) == (width, height) or not alike(camera, width, height):
         return description
     _say(f"the scene is drawn in the target's size, {width}x{height}")
     return description.model_copy(update={"camera": camera.model_copy(update={"width": width, "height": height})})

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxrt.fit.lacks import Missing
 from jaxrt.fit.solve import Look, Machine
 from jaxrt.fit.verdict import Verdict, judge
 
@@ -58,6 +59,7 @@ class Step(NamedTuple):
     values: Mapping[str, Floats]  # the best so far
     seconds_left: float | None  # about
     progress: Progress
+    lacks: Missing = {}  # what derivatives lack, of those unknowns whose derivatives lack something
 
 
 class Found(NamedTuple):
