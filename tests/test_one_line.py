@@ -102,7 +102,7 @@ def test_s8_names_neither_draw_on_the_terminal_nor_break_lines(tmp_path, monkeyp
     working_folder(tmp_path, monkeypatch, text)
     monkeypatch.setenv("COLUMNS", "200")
     status, out, _ = run(capsys, "info", "ball.toml")
-    assert status == 0 and out.count("\\x1b[2J[red]x\\n\\u202ey") == 2 and "warning: lights[0] is " in out
+    assert status == 0 and out.count("\\x1b[2J[red]x\\n\\u202ey") == 3 and "warning: lights[0] is " in out
     assert out.replace("\n", "").isprintable()
     start.warn("a\nb\x1b[31m")
     assert capsys.readouterr().err == "jaxrt: warning: a\\nb\\x1b[31m\n"

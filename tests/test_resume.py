@@ -151,7 +151,7 @@ def test_l4_sums_of_another_picture_are_refused(folder, capsys, monkeypatch, opt
     if what == "another scene":
         Path("ball.toml").write_text(BALL.replace("0.8, 0.8, 0.8", "0.8, 0.8, 0.7"))
     if "version" in what:
-        monkeypatch.setattr("jaxrt.cli.job.code", lambda: "newer")
+        monkeypatch.setattr("jaxrt.cli.job.code_of", lambda *_: "newer")
     status, out, err = render(capsys, "--resume", *options)
     remedy = "give what it was drawn with, or leave --resume out"
     assert (status, out, err) == (2, "", f"jaxrt: error: {SIDE}: drawn with {what}: {remedy}\n")
