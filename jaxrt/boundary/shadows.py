@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.boundary.clearance import Anchors, EdgeSamples, LightPoints, ViewPoints
+from jaxrt.boundary.clearance import Anchors, EdgeSamples, LightPoints, ViewRays
 from jaxrt.boundary.guiding import Draw, place, sample_guided
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, edge_table, rim_at
 from jaxrt.boundary.view import Projection, project
@@ -297,7 +297,7 @@ def _edge_samples(
     return first, later
 
 
-def _attached(operands: ShadowTables, receiver: Vertex, factor: Array) -> tuple[ViewPoints, Anchors]:
+def _attached(operands: ShadowTables, receiver: Vertex, factor: Array) -> tuple[ViewRays, Anchors]:
     """Return what the receiver's point depends on, seen at a fixed image point, times a factor (3,)."""
     camera, n = operands.tables.camera, receiver.point.normal
     across, down = receiver.view.image[0] - camera.width / 2, receiver.view.image[1] - camera.height / 2
@@ -306,7 +306,7 @@ def _attached(operands: ShadowTables, receiver: Vertex, factor: Array) -> tuple[
     shown = jnp.sum(receiver.weight) > 0
     on_surface = jnp.where(shown, n * safe_divide(dot(factor, toward), slope), 0)
     on_ray = jnp.where(shown, factor, 0) - on_surface
-    view = ViewPoints(receiver.view.image, jnp.where(shown, receiver.view.depth, 0), on_ray)
+    view = ViewRays(receiver.view.image, on_ray, jnp.where(shown, receiver.view.depth, 0) * on_ray)
     return view, _receiver_anchors(operands, receiver, on_surface)
 
 

@@ -1,0 +1,150 @@
+"""How a path from the camera moves with the surfaces it turns on, its random numbers held fixed.
+
+The clearance of a path's last ray, or last point, is a number; what it changes by with all that the path has met is
+found backwards, event by event, without reading more of the scene than the surface of each event.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxrt.boundary.clearance import Trail, ViewRays
+from jaxrt.core.maths import normalize, safe_sqrt
+from jaxrt.core.pytree import pytree
+from jaxrt.core.records import Hit, Ray, SurfacePoint
+from jaxrt.kernels.native import once
+from jaxrt.materials import Materials, scatter
+from jaxrt.shapes import Geometry, Spheres, leave, surface_point
+from jaxrt.shapes.sphere import sphere_table
+from jaxrt.shapes.triangle import corner_table
+from jaxrt.transport.path import Tables
+
+
+@pytree
+class Turn:
+    """One event of a path: the ray that arrives, what it meets, and the two numbers by which it goes on."""
+
+    ray: Ray
+    index: Array  # () int32 primitive
+    numbers: tuple[Array, Array]
+
+
+@pytree
+class _Shape:
+    """What places one surface."""
+
+    center: Array | None  # (3,)
+    radius: Array | None  # ()
+    corners: Array | None  # (3, 3)
+    normals: Array | None  # (3, 3)
+
+
+def pull_point(geometry: Geometry, turn: Turn, change: Array) -> tuple[Trail, Ray]:
+    """Return the factors of a surface in `change`·p, p being the point at which a ray meets it, and those of the ray.
+
+    change: (3,).
+    """
+
+    def place(shape: _Shape, ray: Ray) -> Array:
+        return _point(geometry, turn.index, shape, ray).position
+
+    return _pull(geometry, turn, place, change)
+
+
+def pull_ray(geometry: Geometry, materials: Materials, turn: Turn, change: Ray) -> tuple[Trail, Ray]:
+    """Return the factors of a surface in `change`·r, r being the ray that leaves it, and those of the ray that arrives.
+
+    change: (3,) factors of origin and direction.
+    """
+
+    def onward(shape: _Shape, ray: Ray) -> Ray:
+        point = _point(geometry, turn.index, shape, ray)
+        scattering = scatter(materials, point.material, point.shading, -ray.direction, turn.numbers)
+        return leave(point, scattering.direction)
+
+    return _pull(geometry, turn, onward, change)
+
+
+def _pull(geometry: Geometry, turn: Turn, f: Callable[[_Shape, Ray], Any], change: Any) -> tuple[Trail, Ray]:
+    shape = _shape(geometry, turn.index)
+    _, back = jax.vjp(f, shape, turn.ray)
+    factors, ray = back(change)
+    return Trail(turn.index, factors.center, factors.radius, factors.corners, factors.normals), ray
+
+
+def _shape(geometry: Geometry, index: Array) -> _Shape:
+    center = radius = corners = normals = None
+    if geometry.spheres is not None:
+        row = jnp.minimum(index, geometry.spheres.radius.shape[0] - 1)
+        center, radius = geometry.spheres.center[row], geometry.spheres.radius[row]
+    if geometry.triangles is not None:
+        row = jnp.maximum(index - spheres_count(geometry), 0)
+        corners = geometry.triangles.corners[row]
+        normals = None if geometry.triangles.normals is None else geometry.triangles.normals[row]
+    return _Shape(center, radius, corners, normals)
+
+
+def spheres_count(geometry: Geometry) -> int:
+    """Return the number of primitives that are spheres or sphere lights."""
+    return 0 if geometry.spheres is None else geometry.spheres.radius.shape[0]
+
+
+def _point(geometry: Geometry, index: Array, shape: _Shape, ray: Ray) -> SurfacePoint:
+    """Return where a ray meets the surface of primitive `index`, placed as `shape` says."""
+    n = spheres_count(geometry)
+    spheres = triangles = None
+    if geometry.spheres is not None:
+        assert shape.center is not None and shape.radius is not None
+        row = jnp.minimum(index, n - 1)
+        constant, material = geometry.spheres.constant[row], geometry.spheres.material[row]
+        spheres = sphere_table(Spheres(shape.center[None], shape.radius[None], constant[None], material[None]))
+    if geometry.triangles is not None:
+        assert shape.corners is not None
+        material = geometry.triangles.material[jnp.maximum(index - n, 0)]
+        normals = None if shape.normals is None else shape.normals[None]
+        wide = geometry.triangles.wide
+        triangles = corner_table(shape.corners[None], material[None], None, normals, wide)
+    among = jnp.where(index < n, 0, 1 if n else 0).astype(jnp.int32)
+    return surface_point(Geometry(spheres, triangles), ray, Hit(among, jnp.ones((), bool)))
+
+
+def trail_of(tables: Tables, turns: Turn, last: Array, change: Ray, image: Array) -> tuple[ViewRays, Trail]:
+    """Return what `change`·r depends on, r being the ray that leaves event number `last` (from 0) of a path.
+
+    turns: (k,) the path's events. image: (2,) where the path begins.
+    """
+
+    def back(change: Ray, event: tuple[Array, Turn]) -> tuple[Ray, Trail]:
+        k, turn = event
+        trail, before = once(pull_ray)(tables.geometry, tables.materials, turn, change)
+        # What comes after is not on the way
+        return _where(k <= last, before, change), _where(k <= last, trail, jax.tree.map(jnp.zeros_like, trail))
+
+    numbers = jnp.arange(turns.index.shape[0], dtype=jnp.int32)
+    change, trail = lax.scan(back, change, (numbers, turns), reverse=True)
+    return view_rays(tables, image, change), trail
+
+
+def reach_of(trail: Trail) -> Array:
+    """Return by how much the clearance changes, about, where the surfaces of a path move by a unit."""
+    factors = [x for x in (trail.center, trail.corners) if x is not None]
+    return safe_sqrt(sum(jnp.sum(x * x) for x in factors))
+
+
+def view_rays(tables: Tables, image: Array, change: Ray) -> ViewRays:
+    """Return the factors of the camera's position and direction from those of its ray through an image point."""
+    camera = tables.camera
+    across, down = image[0] - camera.width / 2, image[1] - camera.height / 2
+    toward = across * camera.right - down * camera.up + camera.forward
+
+    def pull(toward: Array, change: Ray) -> tuple[Array, Array]:
+        return jax.vjp(lambda o, d: Ray(o, normalize(d)), camera.position, toward)[1](change)
+
+    return ViewRays(image, *once(pull)(toward, change))
+
+
+def _where(use: Array, new: Any, old: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(use, a, b), new, old)
