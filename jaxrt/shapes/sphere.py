@@ -130,7 +130,7 @@ def sphere_surface_point(table: SphereTable, ray: Ray, i: Array) -> SurfacePoint
     """
     row = once(_row)(table, i)
     t = once(_distance_to_surface)(row, ray)
-    p = once(_onto_sphere)(row, ray.origin + t * ray.direction)
+    p = once(onto_sphere)(row, ray.origin + t * ray.direction)
     return SurfacePoint(p, normalize(p - row[0]), sphere_error(row, p), table.material[i])
 
 
@@ -141,7 +141,7 @@ def _distance_to_surface(row: Row, ray: Ray) -> Array:
     return jnp.where((power < 0) & (b < 0), root - b, jnp.abs(safe_divide(power, jnp.abs(b) + root)))
 
 
-def _onto_sphere(row: Row, p: Array) -> Array:
+def onto_sphere(row: Row, p: Array) -> Array:
     """Return p moved along the normal onto the sphere: c + (p − c) r/m, m = |p − c|, without its cancellation."""
     center, radius, _, _, _ = row
     power = _power(row, p)
