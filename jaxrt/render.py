@@ -66,10 +66,9 @@ def render(
     key, gradients of losses are unbiased. Raises NoSceneError (a TypeError) for what is no scene, and ValueError
     for an unknown sampler and for counts that are out of range or traced.
 
-    The edge terms are those of outlines that the camera sees and of shadows, for lights in indirect light too. They
-    lack outlines of moving shapes, or under a moving camera, that diffuse surfaces see before the sky (a ball's height
-    over a floor: 96 % off) or in indirect light (67-83 %); curves where surfaces cross (a half-sunk ball's radius:
-    23 %); edges seen in mirrors (14-68 %) and through glass (76-96 %); sphere lights that block bounced light.
+    The edge terms are those of outlines that the camera or a diffuse surface sees and of shadows, in direct and indirect
+    light and under a sky. They lack curves where surfaces cross (a half-sunk ball's radius: 23 %) and edges seen in
+    mirrors (14-68 %) and through glass (76-96 %).
     `gradcheck` names which of these a scene and a parameter lack.
     """
     check_scene(scene)

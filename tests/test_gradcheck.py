@@ -165,13 +165,19 @@ def test_heatmap_colours():
         ("lights.intensity", {"interior"}, set()),
         (
             "lights.position",
-            {"interior", "shadow edges", "outlines of lights seen by the camera", "shadow edges in indirect light"},
-            {"edges seen in mirrors and through glass", "outlines of lights that block bounced light"},
+            {
+                *("interior", "shadow edges", "shadow edges in indirect light"),
+                *("outlines of lights seen by the camera", "outlines of lights seen by diffuse surfaces"),
+            },
+            {"edges seen in mirrors and through glass"},
         ),
         (
             "spheres.center",
-            {"interior", "shadow edges", "outlines seen by the camera"},
-            {"edges seen in mirrors and through glass", "edges in indirect light of moving shapes or cameras"},
+            {
+                *("interior", "shadow edges", "shadow edges in indirect light"),
+                *("outlines seen by the camera", "outlines seen by diffuse surfaces"),
+            },
+            {"edges seen in mirrors and through glass"},
         ),
         # Nothing is of glass
         ("materials.ior", {"interior"}, set()),

@@ -4,7 +4,7 @@ The clearance of a path's last ray, or last point, is a number; what it changes 
 found backwards, event by event, without reading more of the scene than the surface of each event.
 """
 
-from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
@@ -12,9 +12,10 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.boundary.clearance import Trail, ViewRays
-from jaxrt.core.maths import normalize, safe_sqrt
+from jaxrt.core.maths import dot, face_forward, normalize, safe_sqrt
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Hit, Ray, SurfacePoint
+from jaxrt.core.sampling import numbers_of_direction
 from jaxrt.kernels.native import once
 from jaxrt.materials import Materials, scatter
 from jaxrt.shapes import Geometry, Spheres, leave, surface_point
@@ -42,18 +43,6 @@ class _Shape:
     normals: Array | None  # (3, 3)
 
 
-def pull_point(geometry: Geometry, turn: Turn, change: Array) -> tuple[Trail, Ray]:
-    """Return the factors of a surface in `change`·p, p being the point at which a ray meets it, and those of the ray.
-
-    change: (3,).
-    """
-
-    def place(shape: _Shape, ray: Ray) -> Array:
-        return _point(geometry, turn.index, shape, ray).position
-
-    return _pull(geometry, turn, place, change)
-
-
 def pull_ray(geometry: Geometry, materials: Materials, turn: Turn, change: Ray) -> tuple[Trail, Ray]:
     """Return the factors of a surface in `change`·r, r being the ray that leaves it, and those of the ray that arrives.
 
@@ -65,14 +54,8 @@ def pull_ray(geometry: Geometry, materials: Materials, turn: Turn, change: Ray) 
         scattering = scatter(materials, point.material, point.shading, -ray.direction, turn.numbers)
         return leave(point, scattering.direction)
 
-    return _pull(geometry, turn, onward, change)
-
-
-def _pull(geometry: Geometry, turn: Turn, f: Callable[[_Shape, Ray], Any], change: Any) -> tuple[Trail, Ray]:
-    shape = _shape(geometry, turn.index)
-    _, back = jax.vjp(f, shape, turn.ray)
-    factors, ray = back(change)
-    return Trail(turn.index, factors.center, factors.radius, factors.corners, factors.normals), ray
+    factors, before = jax.vjp(onward, _shape(geometry, turn.index), turn.ray)[1](change)
+    return Trail(turn.index, factors.center, factors.radius, factors.corners, factors.normals), before
 
 
 def _shape(geometry: Geometry, index: Array) -> _Shape:
@@ -126,6 +109,24 @@ def trail_of(tables: Tables, turns: Turn, last: Array, change: Ray, image: Array
     numbers = jnp.arange(turns.index.shape[0], dtype=jnp.int32)
     change, trail = lax.scan(back, change, (numbers, turns), reverse=True)
     return view_rays(tables, image, change), trail
+
+
+def path_through(tables: Tables, points: Array, index: Array) -> Turn:
+    """Return the events (k,) of a path from the camera that meets primitives (k,) at points (k, 3), in this order."""
+    source = jnp.concatenate([tables.camera.position[None], points[:-1]])
+    beyond = jnp.concatenate([points[1:], points[-1:]])
+    return jax.vmap(once(partial(_turn, tables)))(source, points, index, beyond)
+
+
+def _turn(tables: Tables, source: Array, place: Array, index: Array, beyond: Array) -> Turn:
+    """Return the event at a place on a path from somewhere to somewhere."""
+    ray, onward = Ray(source, normalize(place - source)), normalize(beyond - place)
+    point = surface_point(tables.geometry, ray, Hit(index, jnp.ones((), bool)))
+    u0, u1 = numbers_of_direction(face_forward(point.shading, -ray.direction), onward)
+    # Glass reflects for small numbers
+    diffuse = point.material < tables.materials.counts[0]
+    back = dot(point.shading, ray.direction) * dot(point.shading, onward) < 0
+    return Turn(ray, index, (jnp.where(diffuse, u0, jnp.where(back, 0, 1 - 2.0**-24)), u1))
 
 
 def reach_of(trail: Trail) -> Array:

@@ -10,9 +10,6 @@ from jaxrt.scene import Scene
 _MOVES_EDGES = ("spheres", "meshes", "camera")
 
 CROSSING = "curves where surfaces cross"
-SKY = "outlines before the sky as diffuse surfaces see them"
-INDIRECT = "edges in indirect light of moving shapes or cameras"
-LIGHTS = "outlines of lights that block bounced light"
 SPECULAR = "edges seen in mirrors and through glass"
 REFRACTED = "edges seen through glass"
 
@@ -47,8 +44,14 @@ def _known_edges(scene: Scene, light_moves: bool, shapes_move: bool, max_depth: 
         edges.append("shadow edges")
     if (shapes_move and (outlines or sphere_lights)) or (light_moves and sphere_lights):
         edges.append("outlines seen by the camera" if shapes_move else "outlines of lights seen by the camera")
-    if light_moves and outlines and diffuse and max_depth > 1:
+    if (light_moves or shapes_move) and scene.lights is not None and outlines and diffuse and max_depth > 1:
         edges.append("shadow edges in indirect light")
+    # After the last event, a diffuse surface sees the sky alone
+    bounces = diffuse and (scene.environment is not None or (scene.lights is not None and max_depth > 1))
+    if bounces and ((shapes_move and (outlines or sphere_lights)) or (light_moves and sphere_lights)):
+        edges.append(
+            "outlines seen by diffuse surfaces" if shapes_move else "outlines of lights seen by diffuse surfaces"
+        )
     return edges
 
 
@@ -57,11 +60,9 @@ def _unknown_edges(scene: Scene, name: str, row: int | None, max_depth: int) -> 
     surfaces = surfaces_of(scene)
     movers = movers_of(scene, surfaces, name, row)
     light_moves = name.startswith("lights.")
-    ball_light_moves = light_moves and bool(np.any(surfaces.radii[movers.balls] > 0))
     sphere_lights = scene.lights is not None and scene.lights.radius is not None
     sky = scene.environment is not None and bool(np.any(np.asarray(scene.environment) > 0))
     faced = not nothing_faces_another(surfaces, np.asarray(scene.camera.position, float))
-    bounces = faced and scene.materials.diffuse is not None
     edges = []
     if some_cross(surfaces, movers):
         edges.append(CROSSING)
@@ -69,10 +70,4 @@ def _unknown_edges(scene: Scene, name: str, row: int | None, max_depth: int) -> 
     # What follows the last event shows lights and the sky alone
     if specular and (max_depth > 1 or sphere_lights or (sky and not light_moves)):
         edges.append(SPECULAR)
-    if bounces and sky and not light_moves:
-        edges.append(SKY)
-    if bounces and max_depth > 1 and not light_moves:
-        edges.append(INDIRECT)
-    if bounces and ball_light_moves and (max_depth > 1 or sky):
-        edges.append(LIGHTS)
     return edges
