@@ -32,8 +32,8 @@ from jaxrt.shapes import find, leave, surface_point
 from jaxrt.transport.path import Tables, Walk, event_at, last_look, tables_of
 
 TILES = 8  # the picture is divided into so many parts each way, among which a pilot shares the samples
-CANDIDATES = 16  # points of outlines, of which one is taken by how large it looks
-LOOKOUTS = 32
+CANDIDATES = 32  # points of outlines, of which one is taken by how large it looks
+LOOKOUTS = 64
 TURNED = 1e-6  # least cosine at which a diffuse surface sees anything
 
 

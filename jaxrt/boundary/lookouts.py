@@ -1,7 +1,7 @@
 """Where on the outlines to look from anywhere: as it looks from the nearest of a few places.
 
 How large each outline looks is found once for each of these places, and points of outlines are drawn by that. What does
-not show from there, but may from where it is nearest to, keeps a share.
+not show from there, but may from nearby or from elsewhere, keeps a share.
 """
 
 import jax
@@ -12,7 +12,7 @@ from jaxrt.boundary.silhouettes import Silhouettes, angular_lengths, is_bent
 from jaxrt.core.maths import safe_divide
 from jaxrt.core.pytree import pytree
 
-SHARE = 0.8  # of the points drawn by what shows from the place itself
+SHARES = 0.4, 0.4  # of the points drawn by what shows from the place itself, and from anywhere near it
 
 
 @pytree
@@ -28,12 +28,23 @@ def lookouts_at(outlines: Silhouettes, positions: Array, first: int, creases: bo
     counts = jnp.arange(outlines.rows) >= first
     others = _share(jnp.where(counts, _any_eye(outlines), 0))
 
-    def cumulative(eye: Array) -> Array:
-        here = jnp.zeros_like(eye[0])
-        shown = jnp.where(counts, angular_lengths(outlines, eye, here, creases, 1), 0)
-        return jnp.cumsum(_share(SHARE * _share(shown) + (1 - SHARE) * others))
+    def cumulative(place: tuple[Array, Array]) -> Array:
+        eye, reach = place
+        here, near = (
+            _share(jnp.where(counts, angular_lengths(outlines, eye, r, creases, 1), 0))
+            for r in (jnp.zeros_like(reach), reach)
+        )
+        return jnp.cumsum(_share(SHARES[0] * here + SHARES[1] * near + (1 - sum(SHARES)) * others))
 
-    return Lookouts(positions, lax.map(cumulative, positions).ravel())
+    reach = _spacing(positions)
+    return Lookouts(positions, lax.map(cumulative, (positions, reach)).ravel())
+
+
+def _spacing(positions: Array) -> Array:
+    """Return the distance (e,) of each place to the nearest other one."""
+    squared = jnp.sum((positions[:, None] - positions[None]) ** 2, -1)
+    other = squared > 0
+    return jnp.sqrt(jnp.min(jnp.where(other, squared, jnp.max(squared)), -1))
 
 
 def points_seen(
