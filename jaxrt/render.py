@@ -66,9 +66,9 @@ def render(
     key, gradients of losses are unbiased. Raises NoSceneError (a TypeError) for what is no scene, and ValueError
     for an unknown sampler and for counts that are out of range or traced.
 
-    The edge terms are those of shadows and of outlines that the camera or a diffuse surface sees, in direct and indirect
-    light and under a sky. They lack curves where surfaces cross (a half-sunk ball's radius: 23 %) and edges seen in
-    mirrors (14-68 %) and through glass (76-96 %).
+    The edge terms are those of shadows, and of outlines that the camera or a diffuse surface sees, in direct and in
+    indirect light and under a sky. They lack curves where surfaces cross (a half-sunk ball's radius: 23 %) and edges
+    seen in mirrors (14-68 %) and through glass (76-96 %).
     `gradcheck` names which of these a scene and a parameter lack.
     """
     check_scene(scene)

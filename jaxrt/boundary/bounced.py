@@ -101,7 +101,7 @@ def _sample(plan: Plan, events: int, operands: BouncedTables, draw: Draw) -> tup
     eye = once(leave)(point, facing).origin
     # From its end past an outline
     grazing = _grazing(plan, operands, eye, facing, arrival.turn.index, draw)
-    *starts, clear = both_sides(tables, outlines, grazing.row, grazing.rim, eye)
+    starts, clear = both_sides(tables, outlines, grazing.row, grazing.rim, eye)
     outside, inside = jax.vmap(partial(_radiance_from, plan, tables, draw.stream, last))(*starts)
     density = placed.density * draw.total * (TILES * TILES / (camera.width * camera.height))
     seen = clear & (grazing.weight > 0) & (density > 0)
@@ -201,7 +201,5 @@ def _radiance_from(
 
 def _aimed(turns: Turn, last: Array, numbers: tuple[Array, Array]) -> Turn:
     """Return a path's events with other numbers at one of them."""
-    here = jnp.arange(turns.index.shape[0]) == last
-    return replace(
-        turns, numbers=tuple(jnp.where(here, new, old) for new, old in zip(numbers, turns.numbers, strict=True))
-    )
+    here, (u0, u1) = jnp.arange(turns.index.shape[0]) == last, turns.numbers
+    return replace(turns, numbers=(jnp.where(here, numbers[0], u0), jnp.where(here, numbers[1], u1)))

@@ -141,8 +141,8 @@ def _trail_part(scene: Scene, trail: Trail) -> Array:
 
 def _spheres_count(scene: Scene) -> int:
     """Return the number of primitives that are spheres or sphere lights."""
-    lights = scene.lights is not None and scene.lights.radius is not None
-    return sum(each.radius.shape[0] for each in (scene.spheres, scene.lights if lights else None) if each is not None)
+    spheres = 0 if scene.spheres is None else scene.spheres.radius.shape[0]
+    return spheres + (0 if scene.lights is None or scene.lights.radius is None else scene.lights.radius.shape[0])
 
 
 def _anchored(scene: Scene, anchors: Anchors) -> Array:

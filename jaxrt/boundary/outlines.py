@@ -84,17 +84,17 @@ def _radiances(
 
     Both use the same random numbers, so that equal surfaces on both sides cancel.
     """
-    *starts, clear = both_sides(tables, outlines, row, rim, tables.camera.position)
+    starts, clear = both_sides(tables, outlines, row, rim, tables.camera.position)
     both = jax.vmap(partial(_radiance_from, plan, tables, draw))(*starts)
     return both[0], both[1], clear
 
 
 def both_sides(
     tables: Tables, outlines: Silhouettes, row: Array, rim: Rim, eye: Array
-) -> tuple[Ray, Hit, SurfacePoint, Array]:
-    """Return the rays (2,) from an eye just outside and just inside an outline, what they meet, and where.
+) -> tuple[tuple[Ray, Hit, SurfacePoint], Array]:
+    """Return the rays (2,) from an eye just outside and just inside an outline with what they meet, and where.
 
-    Last, () bool, whether nothing hides the outline from the eye.
+    Second, () bool, whether nothing hides the outline from the eye.
     """
 
     def ray_past(side: Array) -> Ray:
@@ -113,7 +113,7 @@ def both_sides(
     hidden = first.valid & (travelled < rim.distance * (1 - BEYOND)) & ~_own(outlines, row, first.index)
     if outlines.spheres is not None:
         hits, points = _at_rim(outlines, row, rim, hits, points)
-    return rays, hits, points, ~hidden
+    return (rays, hits, points), ~hidden
 
 
 def _own(outlines: Silhouettes, row: Array, index: Array) -> Array:

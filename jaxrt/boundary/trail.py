@@ -4,6 +4,7 @@ The clearance of a path's last ray, or last point, is a number; what it changes 
 found backwards, event by event, without reading more of the scene than the surface of each event.
 """
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -48,14 +49,39 @@ def pull_ray(geometry: Geometry, materials: Materials, turn: Turn, change: Ray) 
 
     change: (3,) factors of origin and direction.
     """
+    shape = once(_shape)(geometry, turn.index)
+    at_point, at_direction = once(_pull_onward)(geometry, materials, shape, turn, change)
+    factors, before = once(_pull_point)(geometry, shape, turn, at_point)
+    trail = Trail(turn.index, factors.center, factors.radius, factors.corners, factors.normals)
+    return trail, Ray(before.origin, before.direction + at_direction)
 
-    def onward(shape: _Shape, ray: Ray) -> Ray:
-        point = _point(geometry, turn.index, shape, ray)
-        scattering = scatter(materials, point.material, point.shading, -ray.direction, turn.numbers)
-        return leave(point, scattering.direction)
 
-    factors, before = jax.vjp(onward, _shape(geometry, turn.index), turn.ray)[1](change)
-    return Trail(turn.index, factors.center, factors.radius, factors.corners, factors.normals), before
+def _pull_onward(
+    geometry: Geometry, materials: Materials, shape: _Shape, turn: Turn, change: Ray
+) -> tuple[SurfacePoint, Array]:
+    """Return the factors of the point, and of the direction that arrives, in those of the ray that leaves."""
+    there = _point(geometry, turn.index, shape, turn.ray)
+
+    def onward(point: SurfacePoint, arriving: Array) -> Ray:
+        return leave(point, scatter(materials, there.material, point.shading, -arriving, turn.numbers).direction)
+
+    factors: tuple[SurfacePoint, Array] = jax.vjp(onward, _unmarked(there), turn.ray.direction)[1](change)
+    return factors
+
+
+def _pull_point(geometry: Geometry, shape: _Shape, turn: Turn, change: SurfacePoint) -> tuple[_Shape, Ray]:
+    """Return the factors of a surface, and of the ray that arrives, in those of the point."""
+
+    def place(shape: _Shape, ray: Ray) -> SurfacePoint:
+        return _unmarked(_point(geometry, turn.index, shape, ray))
+
+    factors: tuple[_Shape, Ray] = jax.vjp(place, shape, turn.ray)[1](change)
+    return factors
+
+
+def _unmarked(point: SurfacePoint) -> SurfacePoint:
+    """Return the point without its material: a whole number has no derivative."""
+    return replace(point, material=jnp.zeros_like(point.error))
 
 
 def _shape(geometry: Geometry, index: Array) -> _Shape:
@@ -102,7 +128,7 @@ def trail_of(tables: Tables, turns: Turn, last: Array, change: Ray, image: Array
 
     def back(change: Ray, event: tuple[Array, Turn]) -> tuple[Ray, Trail]:
         k, turn = event
-        trail, before = once(pull_ray)(tables.geometry, tables.materials, turn, change)
+        trail, before = pull_ray(tables.geometry, tables.materials, turn, change)
         # What comes after is not on the way
         return _where(k <= last, before, change), _where(k <= last, trail, jax.tree.map(jnp.zeros_like, trail))
 
@@ -132,7 +158,7 @@ def _turn(tables: Tables, source: Array, place: Array, index: Array, beyond: Arr
 def reach_of(trail: Trail) -> Array:
     """Return by how much the clearance changes, about, where the surfaces of a path move by a unit."""
     factors = [x for x in (trail.center, trail.corners) if x is not None]
-    return safe_sqrt(sum(jnp.sum(x * x) for x in factors))
+    return safe_sqrt(jnp.sum(jnp.stack([jnp.sum(x * x) for x in factors])))
 
 
 def view_rays(tables: Tables, image: Array, change: Ray) -> ViewRays:
