@@ -74,8 +74,8 @@ def under_the_sky(with_box: bool) -> dict[str, Any]:
     """Return a ball, or a turned box, over a floor under a constant sky."""
     description: dict[str, Any] = {
         "camera": {"position": [0, 3, 6], "target": [0, 0.5, 0], "fov": 45, "width": 64, "height": 64},
-        "materials": {"grey": {"type": "diffuse", "albedo": 0.6}},
-        "environment": {"radiance": 1},
+        "materials": {"grey": {"type": "diffuse", "albedo": [0.6, 0.6, 0.6]}},
+        "environment": {"radiance": [1, 1, 1]},
         "spheres": [{"center": [0, -1000, 0], "radius": 1000, "material": "grey"}],
     }
     if not with_box:
