@@ -24,7 +24,7 @@ from jaxrt.core.samplers import independent
 from jaxrt.kernels.native import once
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, surface_point
-from jaxrt.shapes.sphere import sphere_error
+from jaxrt.shapes.sphere import onto_sphere, sphere_error
 from jaxrt.transport.path import Tables, Walk, event_at, last_look, tables_of
 
 LIGHTS_ONLY = 16  # the outlines of lights alone get this part of the samples: they are few and smooth
@@ -129,20 +129,23 @@ def _at_rim(outlines: Silhouettes, row: Array, rim: Rim, hits: Hit, points: Surf
     spheres = outlines.spheres
     assert spheres is not None
     sphere = jnp.minimum(row, outlines.spheres_count - 1)
-    table = spheres.center[sphere], spheres.radius[sphere], spheres.base[sphere], spheres.shift[sphere]
-    error = sphere_error((*table, spheres.constant[sphere]), rim.point)
+    place = spheres.center[sphere], spheres.radius[sphere], spheres.base[sphere], spheres.shift[sphere]
+    table = (*place, spheres.constant[sphere])
+    # The rim of a huge sphere is off its surface by rounding, and rays that leave it would meet it
+    position = onto_sphere(table, rim.point)
+    error = sphere_error(table, position)
     at_rim = (
         Hit(sphere, jnp.ones((), bool)),
         replace(
             jax.tree.map(lambda x: x[1], points),
-            position=rim.point,
+            position=position,
             normal=rim.normal,
             error=error,
             material=spheres.material[sphere],
         ),
     )
     if points.smooth is not None:
-        smooth = Smooth(rim.normal, rim.point, jnp.ones_like(error))
+        smooth = Smooth(rim.normal, position, jnp.ones_like(error))
         at_rim = at_rim[0], replace(at_rim[1], smooth=smooth)
     use = row < outlines.spheres_count
     return jax.tree.map(lambda old, new: old.at[1].set(jnp.where(use, new, old[1])), (hits, points), at_rim)

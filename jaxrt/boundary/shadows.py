@@ -148,7 +148,7 @@ def _sample(plan: Plan, bins: int, operands: ShadowTables, draw: Draw) -> tuple[
     walk = partial(_vertex, tables, draw)
     _, vertices = lax.scan(walk, carrier, jnp.arange(plan.max_depth, dtype=jnp.int32))
     receiver = jax.tree.map(lambda x: x[0], vertices)
-    choice = independent(draw.stream, 0)[0].astype(t.dtype)
+    choice = independent(draw.stream, 0)[0].astype(t.dtype) if plan.geometry_moves else None
     samples = once(partial(_edge_samples, plan))(operands, light, source, row, t, rim, receiver, vertices, choice)
     along = _along(rim, source, receiver)
     measure = jnp.sum(vertices.weight) * (1 if plan.geometry_moves else 1 - along)
@@ -275,7 +275,7 @@ def _edge_samples(
     rim: Rim,
     receiver: Vertex,
     vertices: Vertex,
-    choice: Array,
+    choice: Array | None,
 ) -> tuple[EdgeSamples, ...]:
     """Return the weights of a line and the constants of its clearance. choice: () in [0, 1)."""
     s = _along(rim, source, receiver)
@@ -288,7 +288,7 @@ def _edge_samples(
     view, anchors = _attached(operands, receiver, s * rim.normal)
     moving = points if plan.lights_move else None
     first = EdgeSamples(vertices.pixel[:1], vertices.weight[:1], moving, view, (anchors, occluder))
-    if plan.max_depth == 1:
+    if plan.max_depth == 1 or choice is None:
         return (first,)
     # One of the later vertices, by what it brings, stands for all
     sums = jnp.cumsum(jnp.sum(vertices.weight[1:], -1))

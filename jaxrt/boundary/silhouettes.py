@@ -11,7 +11,7 @@ from jaxrt.core.maths import cross, dot, normalize, safe_divide, safe_sqrt, unit
 from jaxrt.core.pytree import pytree
 from jaxrt.core.sampling import frame, sincos_2pi
 from jaxrt.shapes import Triangles
-from jaxrt.shapes.sphere import SphereTable, onto_sphere
+from jaxrt.shapes.sphere import SphereTable
 
 
 @pytree
@@ -163,10 +163,7 @@ def _sphere_rim(table: SphereTable, row: Array, t: Array, eye: Array) -> Rim:
     side, up = frame(axis)
     cos, sin = sincos_2pi(t)
     normal = cosine * (cos * side + sin * up) - sine * axis
-    # Else the rim of a huge sphere would be off its surface, and rays that leave it might meet it
-    sphere = center, radius, table.base[row], table.shift[row], table.constant[row]
-    point = onto_sphere(sphere, center + radius * normal)
-    return Rim(point, normal, 2 * jnp.pi * radius * cosine, safe_sqrt(power), valid & (power > 0))
+    return Rim(center + radius * normal, normal, 2 * jnp.pi * radius * cosine, safe_sqrt(power), valid & (power > 0))
 
 
 def _edge_rim(table: EdgeTable, row: Array, t: Array, eye: Array, creases: bool) -> Rim:
