@@ -123,14 +123,16 @@ def _point(geometry: Geometry, index: Array, shape: _Shape, ray: Ray) -> Surface
 def trail_of(tables: Tables, turns: Turn, last: Array, change: Ray, image: Array) -> tuple[ViewRays, Trail]:
     """Return what `change`·r depends on, r being the ray that leaves event number `last` (from 0) of a path.
 
-    turns: (k,) the path's events. image: (2,) where the path begins.
+    turns: (k,) the path's events. image: (2,) where the path begins. All is 0, whatever the path, where `change` is.
     """
+    wanted = jnp.any(change.origin != 0)
 
     def back(change: Ray, event: tuple[Array, Turn]) -> tuple[Ray, Trail]:
         k, turn = event
         trail, before = pull_ray(tables.geometry, tables.materials, turn, change)
         # What comes after is not on the way
-        return _where(k <= last, before, change), _where(k <= last, trail, jax.tree.map(jnp.zeros_like, trail))
+        on_way = wanted & (k <= last)
+        return _where(on_way, before, change), _where(on_way, trail, jax.tree.map(jnp.zeros_like, trail))
 
     numbers = jnp.arange(turns.index.shape[0], dtype=jnp.int32)
     change, trail = lax.scan(back, change, (numbers, turns), reverse=True)
