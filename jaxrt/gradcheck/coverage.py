@@ -10,6 +10,8 @@ from jaxrt.scene import Scene
 _MOVES_EDGES = ("spheres", "meshes", "camera")
 
 CROSSING = "curves where surfaces cross"
+SKY = "outlines before the sky as diffuse surfaces see them"
+INDIRECT = "edges in indirect light of moving shapes or cameras"
 SPECULAR = "edges seen in mirrors and through glass"
 REFRACTED = "edges seen through glass"
 
@@ -70,4 +72,10 @@ def _unknown_edges(scene: Scene, name: str, row: int | None, max_depth: int) -> 
     # What follows the last event shows lights and the sky alone
     if specular and (max_depth > 1 or sphere_lights or (sky and not light_moves)):
         edges.append(SPECULAR)
+    # Of spheres alone these are right; where meshes see or are seen they are added, but not shown to be right yet
+    meshes = scene.triangles is not None and faced and scene.materials.diffuse is not None and not light_moves
+    if meshes and sky:
+        edges.append(SKY)
+    if meshes and max_depth > 1:
+        edges.append(INDIRECT)
     return edges
