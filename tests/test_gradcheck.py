@@ -177,7 +177,7 @@ def test_heatmap_colours():
                 *("interior", "shadow edges", "shadow edges in indirect light"),
                 *("outlines seen by the camera", "outlines seen by diffuse surfaces"),
             },
-            {"edges seen in mirrors and through glass"},
+            {"edges seen in mirrors and through glass", "edges in indirect light of moving shapes or cameras"},
         ),
         # Nothing is of glass
         ("materials.ior", {"interior"}, set()),
