@@ -40,10 +40,11 @@ class Case(NamedTuple):
 
     table: str
     name: str
-    scene: str  # "point", "huge" or "sphere"
+    scene: str  # "point", "huge", "sphere", "ball and sky" or "box and sky"
     changes: Changes  # direction in parameter space
     step: float
     absolute: bool = False  # the derivative is nearly 0: errors are relative to the one in the row above
+    depth: int = 1
 
 
 class Errors(NamedTuple):
@@ -59,12 +60,33 @@ class Errors(NamedTuple):
 def scene_of(kind: str) -> jaxrt.Scene:
     """Return the scene with a point light, on a huge sphere for a floor, or under a sphere light."""
     description = tomllib.loads(Path(SCENE).read_text())
+    if kind in {"ball and sky", "box and sky"}:
+        return jaxrt.build(under_the_sky(kind == "box and sky"))
     if kind == "sphere":
         description["lights"][0]["radius"] = 0.5
     if kind == "huge":
         description["triangles"] = description["triangles"][2:]
         description["spheres"].append({"center": [0, -1000, 0], "radius": 1000, "material": "white"})
     return jaxrt.build(description)
+
+
+def under_the_sky(with_box: bool) -> dict[str, Any]:
+    """Return a ball, or a turned box, over a floor under a constant sky."""
+    description: dict[str, Any] = {
+        "camera": {"position": [0, 3, 6], "target": [0, 0.5, 0], "fov": 45, "width": 64, "height": 64},
+        "materials": {"grey": {"type": "diffuse", "albedo": [0.6, 0.6, 0.6]}},
+        "environment": {"radiance": [1, 1, 1]},
+        "spheres": [{"center": [0, -1000, 0], "radius": 1000, "material": "grey"}],
+    }
+    if not with_box:
+        description["spheres"].insert(0, {"center": [0, 1, 0], "radius": 0.7, "material": "grey"})
+        return description
+    corners = 0.5 * np.asarray([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [face for a, b, c, d in sides for face in ([a, b, c], [a, c, d])]
+    box = {"vertices": corners.tolist(), "faces": faces, "material": "grey", "rotate": [20, 30, 0]}
+    description["meshes"] = [box | {"translate": [0, 1.2, 0]}]
+    return description
 
 
 def cases() -> list[Case]:
@@ -84,7 +106,16 @@ def cases() -> list[Case]:
     rows += [Case("C", "ball radius", "point", {"spheres.radius": np.ones(1)}, 0.02)]
     rows += [Case("C", "box y", "point", {"meshes.vertices": lifted}, 0.02)]
     rows += [Case("C", "one vertex y", "point", {"meshes.vertices": corner}, 0.02)]
-    return [*rows, Case("C", "camera x", "point", {"camera.position": axes["x"]}, 0.02)]
+    rows += [Case("C", "camera x", "point", {"camera.position": axes["x"]}, 0.02)]
+    up, aside, box = np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((8, 3))
+    up[0, 1], aside[0, 0], box[:, 1] = 1, 1, 1
+    for depth in (1, 2):
+        rows += [
+            Case("D", f"ball y, sky, depth {depth}", "ball and sky", {"spheres.center": up}, 0.02, depth=depth),
+            Case("D", f"ball x, sky, depth {depth}", "ball and sky", {"spheres.center": aside}, 0.02, depth=depth),
+        ]
+    rows += [Case("D", "box y, sky, depth 1", "box and sky", {"meshes.vertices": box}, 0.02)]
+    return [*rows, Case("D", "ball x, lamp, depth 3", "point", {"spheres.center": axes["x"][None]}, 0.02, depth=3)]
 
 
 def _same_corner() -> np.ndarray:
@@ -96,8 +127,8 @@ def _same_corner() -> np.ndarray:
 class Renderer:
     """Compiled programs of one scene and group of parameters."""
 
-    def __init__(self, kind: str, names: tuple[str, ...]) -> None:
-        self.scene = scene_of(kind)
+    def __init__(self, kind: str, depth: int, names: tuple[str, ...]) -> None:
+        self.scene, self.depth = scene_of(kind), depth
         parameters = jaxrt.parameters(self.scene)
         self.start = {name: parameters[name] for name in names if name in parameters}
         self.picture = jax.jit(partial(self._picture, boundary_samples=0), static_argnames="spp")
@@ -105,7 +136,7 @@ class Renderer:
 
     def _picture(self, p: Changes, key: int, spp: int, boundary_samples: int) -> Array:
         scene = jaxrt.with_parameters(self.scene, p)
-        return jaxrt.render(scene, key, spp=spp, max_depth=1, boundary_samples=boundary_samples)
+        return jaxrt.render(scene, key, spp=spp, max_depth=self.depth, boundary_samples=boundary_samples)
 
     def _slope(self, changes: Changes, key: int, spp: int, boundary_samples: int) -> Array:
         picture = partial(self._picture, key=key, spp=spp, boundary_samples=boundary_samples)
@@ -162,13 +193,13 @@ GROUPS = {
 
 def measure(fd_spp: int) -> tuple[list[list[str]], list[tuple[str, np.ndarray, np.ndarray, np.ndarray]], np.ndarray]:
     """Return the table's rows, the pictures (name, reference, without, with), and the reference of light x, y, z."""
-    renderers: dict[tuple[str, str], Renderer] = {}
+    renderers: dict[tuple[str, int, str], Renderer] = {}
     rows, pictures, lights = [], [], []
     scale = np.zeros(0)
     for case in cases():
         group = next(iter(case.changes)).split(".")[0]
-        key = case.scene, group
-        renderer = renderers.setdefault(key, Renderer(case.scene, GROUPS[group]))
+        key = case.scene, case.depth, group
+        renderer = renderers.setdefault(key, Renderer(case.scene, case.depth, GROUPS[group]))
         first, second = (renderer.difference(case.changes, case.step, k, fd_spp) for k in KEYS)
         reference = (first + second) / 2
         scale = scale if case.absolute else reference

@@ -85,10 +85,9 @@ def render(
     for an unknown sampler, for counts that are out of range or traced, and (SceneError) for a size that memory is too
     small for.
 
-    The edge terms are those of outlines that the camera sees and of shadows, for lights in indirect light too. They
-    lack outlines of moving shapes, or under a moving camera, that diffuse surfaces see before the sky (a ball's height
-    over a floor: 96 % off) or in indirect light (67-83 %); curves where surfaces cross (a half-sunk ball's radius:
-    23 %); edges seen in mirrors (14-68 %) and through glass (76-96 %); sphere lights that block bounced light.
+    The edge terms are those of shadows, and of outlines that the camera or a diffuse surface sees, in direct and in
+    indirect light and under a sky. They lack curves where surfaces cross (a half-sunk ball's radius: 23 %) and edges
+    seen in mirrors (14-68 %) and through glass (76-96 %).
     `gradcheck` names which of these a scene and a parameter lack.
     """
     check_scene(scene)

@@ -217,8 +217,8 @@ def test_indirect_light_has_its_share_of_the_edges():
 
     # Four times the samples: those of one seed leave the indirect part's noise at 0.5 % of the whole
     parts = [[part(samples) for samples in samples_of(scene, INDIRECT, seed)] for seed in range(4)]
-    direct, indirect, outlines = np.mean(parts, axis=0)
-    without = inside + direct + outlines
+    direct, indirect, outlines, bounced = np.mean(parts, axis=0)
+    without = inside + direct + outlines + bounced
     complete = without + indirect
     assert relative(bumps(complete), bumps(reference)) < 0.01
     assert relative(bumps(without), bumps(reference)) > 2 * relative(bumps(complete), bumps(reference))

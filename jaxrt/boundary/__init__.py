@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxrt.boundary.bounced import bounced_edges
 from jaxrt.boundary.clearance import EdgeSamples, clearance_of, splat
 from jaxrt.boundary.outlines import camera_edges
 from jaxrt.boundary.shadows import Plan, shadow_edges
@@ -26,7 +27,11 @@ __all__ = ["EdgeSamples", "Plan", "clearance_of", "edge_tangent", "sample_edges"
 def sample_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
     """Return samples of all edges that move. seed: () uint32."""
     scene = as_operand(scene)
-    return (*shadow_edges(scene, seed, plan), *camera_edges(scene, seed, plan))
+    return (
+        *shadow_edges(scene, seed, plan),
+        *camera_edges(scene, seed, plan),
+        *bounced_edges(scene, seed, plan),
+    )
 
 
 def edge_tangent(scene: Scene, tangent: Any, seed: Array, plan: Plan) -> Array:

@@ -10,9 +10,10 @@ point that a fixed image point shows: where the camera's ray o + τ D meets the 
 and P its material point there, B moves by o + τ D + D n·(P − o − τ D)/(n·D). For an outline that the camera sees, A is
 the camera and q itself lies on o + τ D. So both are
 
-    F = a·(c + r ω) + b·(o + τ D) + h·P − m·Q,
+    F = a·(c + r ω) + b·o + e·D + h·P − m·Q,
 
-a sum over points of the scene with constant coefficients: finite for any, linear in each point.
+a sum over points of the scene with constant coefficients: finite for any, linear in each point. Where A or B is where a
+path of several events arrives, its surfaces come in by their coefficients too (`trail.py`).
 """
 
 import jax
@@ -23,6 +24,7 @@ from jaxrt.cameras import view_of
 from jaxrt.core.pytree import pytree
 from jaxrt.lights import Lights, casters_of
 from jaxrt.scene import Scene
+from jaxrt.shapes.smooth import corner_normals
 
 ONE_HOT_ROWS = 64  # tables up to this long are read by a product, whose transpose is one too
 
@@ -37,12 +39,12 @@ class LightPoints:
 
 
 @pytree
-class ViewPoints:
-    """The points o + τ D(u) that image points u see."""
+class ViewRays:
+    """The camera's rays o + τ D(u) through image points u."""
 
     image: Array  # (m, 2) column and row in pixels
-    tau: Array  # (m,)
-    factor: Array  # (m, 3)
+    start: Array  # (m, 3) factor of o in F
+    toward: Array  # (m, 3) factor of D
 
 
 @pytree
@@ -58,14 +60,26 @@ class Anchors:
 
 
 @pytree
+class Trail:
+    """The surfaces on which paths from the camera turn, and the factors in F of what places each of them."""
+
+    index: Array  # (m, k) int32 primitive
+    center: Array | None  # (m, k, 3); None in scenes without spheres
+    radius: Array | None  # (m, k)
+    corners: Array | None  # (m, k, 3, 3); None in scenes without triangles
+    normals: Array | None  # (m, k, 3, 3) of the corners; None in scenes without smooth meshes
+
+
+@pytree
 class EdgeSamples:
     """Samples of moving edges. Each adds weight · dF to its pixels; what cannot move is None."""
 
     pixel: Array  # (m, k) int32 row · width + column; beyond the picture where nothing is seen
     weight: Array  # (m, k, 3) radiance per unit of clearance
     light: LightPoints | None
-    view: ViewPoints | None
+    view: ViewRays | None
     anchors: tuple[Anchors, ...]
+    trail: Trail | None = None
 
 
 def clearance_of(scene: Scene, samples: EdgeSamples) -> Array:
@@ -75,9 +89,11 @@ def clearance_of(scene: Scene, samples: EdgeSamples) -> Array:
         assert scene.lights is not None
         clearance += jnp.sum(samples.light.factor * _light_points(scene.lights, samples.light), -1)
     if samples.view is not None:
-        clearance += jnp.sum(samples.view.factor * _view_points(scene, samples.view), -1)
+        clearance += _view_part(scene, samples.view)
     for anchors in samples.anchors:
         clearance += jnp.sum(anchors.factor * _anchored(scene, anchors), -1)
+    if samples.trail is not None:
+        clearance += _trail_part(scene, samples.trail)
     return clearance
 
 
@@ -95,10 +111,38 @@ def _light_points(lights: Lights, points: LightPoints) -> Array:
     return center if radii is None else center + _rows(radii[:, None], points.light) * points.omega
 
 
-def _view_points(scene: Scene, points: ViewPoints) -> Array:
+def _view_part(scene: Scene, rays: ViewRays) -> Array:
     view = view_of(scene.camera)
-    toward = jax.vmap(lambda image: view.toward((image[0], image[1])))(points.image)
-    return view.position[None] + points.tau[:, None] * toward
+    toward = jax.vmap(lambda image: view.toward((image[0], image[1])))(rays.image)
+    return jnp.sum(rays.start * view.position[None] + rays.toward * toward, -1)
+
+
+def _trail_part(scene: Scene, trail: Trail) -> Array:
+    total = jnp.zeros(trail.index.shape, scene.dtype)
+    index = trail.index.ravel()
+    if trail.center is not None:
+        assert trail.radius is not None and scene.spheres is not None
+        row = jnp.clip(index, 0, scene.spheres.radius.shape[0] - 1)
+        table = jnp.concatenate([scene.spheres.center, scene.spheres.radius[:, None]], -1)
+        factors = jnp.concatenate([trail.center, trail.radius[..., None]], -1)
+        total += jnp.sum(factors * _rows(table, row).reshape(factors.shape), -1)
+    if trail.corners is not None:
+        assert scene.triangles is not None
+        row = jnp.maximum(index - _spheres_count(scene), 0)
+        corners = scene.triangles.vertices[scene.triangles.faces]
+        total += jnp.sum(trail.corners * corners[row].reshape(trail.corners.shape), (-2, -1))
+        if trail.normals is not None:
+            assert scene.triangles.smooth is not None
+            normals = corner_normals(corners, scene.triangles.smooth)
+            total += jnp.sum(trail.normals * normals[row].reshape(trail.normals.shape), (-2, -1))
+    return jnp.sum(total, -1)
+
+
+def _spheres_count(scene: Scene) -> int:
+    """Return the number of primitives that are spheres or sphere lights."""
+    spheres = 0 if scene.spheres is None else scene.spheres.radius.shape[0]
+    radii = None if scene.lights is None else scene.lights.radius
+    return spheres + (0 if radii is None else radii.shape[0])
 
 
 def _anchored(scene: Scene, anchors: Anchors) -> Array:

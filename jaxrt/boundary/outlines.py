@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.boundary.clearance import EdgeSamples, ViewPoints
+from jaxrt.boundary.clearance import EdgeSamples, ViewRays
 from jaxrt.boundary.guiding import Draw, place, sample_guided
 from jaxrt.boundary.shadows import BEYOND, NUDGE, Plan, bins_for, occluder_anchors
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, edge_table, rim_at
@@ -77,9 +77,9 @@ def _sample(plan: Plan, bins: int, operands: OutlineTables, draw: Draw) -> tuple
     weight = jnp.where(seen, (outside - inside) * spread, 0)
     pixel = jnp.where(seen, view.pixel, camera.width * camera.height)
     occluder = occluder_anchors(outlines, plan.geometry_moves, row, t, rim)
-    points = ViewPoints(view.image, jnp.where(seen, view.depth, 0), jnp.where(seen, rim.normal, 0))
-    points_or_none = points if plan.geometry_moves else None
-    return EdgeSamples(pixel[None], weight[None], None, points_or_none, (occluder,)), jnp.sum(jnp.abs(weight))
+    facing = jnp.where(seen, rim.normal, 0)
+    rays = ViewRays(view.image, facing, jnp.where(seen, view.depth, 0) * facing) if plan.geometry_moves else None
+    return EdgeSamples(pixel[None], weight[None], None, rays, (occluder,)), jnp.sum(jnp.abs(weight))
 
 
 def _radiances(
@@ -89,7 +89,18 @@ def _radiances(
 
     Both use the same random numbers, so that equal surfaces on both sides cancel.
     """
-    eye = tables.camera.position
+    starts, clear = both_sides(tables, outlines, row, rim, tables.camera.position)
+    both = jax.vmap(partial(_radiance_from, plan, tables, draw))(*starts)
+    return both[0], both[1], clear
+
+
+def both_sides(
+    tables: Tables, outlines: Silhouettes, row: Array, rim: Rim, eye: Array
+) -> tuple[tuple[Ray, Hit, SurfacePoint], Array]:
+    """Return the rays (2,) from an eye just outside and just inside an outline with what they meet, and where.
+
+    Second, () bool, whether nothing hides the outline from the eye.
+    """
 
     def ray_past(side: Array) -> Ray:
         return Ray(eye, normalize(rim.point + side * NUDGE * rim.distance * rim.normal - eye))
@@ -107,8 +118,7 @@ def _radiances(
     hidden = first.valid & (travelled < rim.distance * (1 - BEYOND)) & ~_own(outlines, row, first.index)
     if outlines.spheres is not None:
         hits, points = _at_rim(outlines, row, rim, hits, points)
-    both = jax.vmap(partial(_radiance_from, plan, tables, draw))(rays, hits, points)
-    return both[0], both[1], ~hidden
+    return (rays, hits, points), ~hidden
 
 
 def _own(outlines: Silhouettes, row: Array, index: Array) -> Array:

@@ -14,9 +14,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.boundary.clearance import Anchors, EdgeSamples, LightPoints, ViewPoints
+from jaxrt.boundary.clearance import Anchors, EdgeSamples, LightPoints, ViewRays
 from jaxrt.boundary.guiding import Draw, place, sample_guided
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, edge_table, rim_at
+from jaxrt.boundary.trail import path_through, trail_of
 from jaxrt.cameras import Projection, projection
 from jaxrt.core.maths import cross, dot, face_forward, normalize, safe_divide, safe_sqrt, unit_roundoff
 from jaxrt.core.pytree import pytree
@@ -152,10 +153,10 @@ def _sample(plan: Plan, bins: int, operands: ShadowTables, draw: Draw) -> tuple[
     carrier = once(_carrier)(source, rim, density)
     # Follow its light
     walk = partial(_vertex, tables, draw)
-    depth = plan.max_depth if plan.lights_move else 1
-    _, vertices = lax.scan(walk, carrier, jnp.arange(depth, dtype=jnp.int32))
+    _, vertices = lax.scan(walk, carrier, jnp.arange(plan.max_depth, dtype=jnp.int32))
     receiver = jax.tree.map(lambda x: x[0], vertices)
-    samples = once(partial(_edge_samples, plan))(operands, light, source, row, t, rim, receiver, vertices)
+    choice = independent(draw.stream, 0)[0].astype(t.dtype) if plan.geometry_moves else None
+    samples = once(partial(_edge_samples, plan))(operands, light, source, row, t, rim, receiver, vertices, choice)
     along = _along(rim, source, receiver)
     measure = jnp.sum(vertices.weight) * (1 if plan.geometry_moves else 1 - along)
     return samples, measure
@@ -305,8 +306,9 @@ def _edge_samples(
     rim: Rim,
     receiver: Vertex,
     vertices: Vertex,
+    choice: Array | None,
 ) -> tuple[EdgeSamples, ...]:
-    """Return the weights of a line and the constants of its clearance."""
+    """Return the weights of a line and the constants of its clearance. choice: () in [0, 1)."""
     s = _along(rim, source, receiver)
     points = LightPoints(light, source.omega, (1 - s) * rim.normal)
     occluder = occluder_anchors(operands.outlines, operands.faces is not None, row, t, rim)
@@ -315,20 +317,23 @@ def _edge_samples(
         crowd = operands.outlines.spheres_count > operands.tables.first_light
         return (EdgeSamples(vertices.pixel, vertices.weight, points, None, (occluder,) if crowd else ()),)
     view, anchors = _attached(operands, receiver, s * rim.normal)
-    first = EdgeSamples(
-        vertices.pixel[:1], vertices.weight[:1], points if plan.lights_move else None, view, (anchors, occluder)
-    )
-    if not plan.lights_move or plan.max_depth == 1:
+    moving = points if plan.lights_move else None
+    first = EdgeSamples(vertices.pixel[:1], vertices.weight[:1], moving, view, (anchors, occluder))
+    if plan.max_depth == 1 or choice is None:
         return (first,)
-    lights = jnp.where(row >= operands.tables.first_light, 1, 0).astype(s.dtype)
-    moving = Anchors(occluder.sphere, occluder.normal, occluder.on_sphere, None, None, occluder.factor * lights)
-    later = EdgeSamples(
-        vertices.pixel[1:], vertices.weight[1:], points, None, (moving,) if moving.sphere is not None else ()
-    )
-    return first, later
+    # One of the later vertices, by what it brings, stands for all
+    sums = jnp.cumsum(jnp.sum(vertices.weight[1:], -1))
+    chosen = 1 + jnp.minimum(jnp.sum(sums <= choice * sums[-1]), plan.max_depth - 2).astype(jnp.int32)
+    pixel, weight, image = vertices.pixel[chosen], vertices.weight[chosen], vertices.view.image[chosen]
+    weight = weight * safe_divide(sums[-1], jnp.sum(weight))
+    order = jnp.maximum(chosen - jnp.arange(plan.max_depth), 0)
+    turns = path_through(operands.tables, vertices.point.position[order], vertices.index[order])
+    factor = jnp.where(jnp.sum(weight) > 0, s * rim.normal, 0)
+    view, trail = trail_of(operands.tables, turns, chosen, Ray(factor, jnp.zeros_like(factor)), image)
+    return first, EdgeSamples(pixel[None], weight[None], moving, view, (occluder,), trail)
 
 
-def _attached(operands: ShadowTables, receiver: Vertex, factor: Array) -> tuple[ViewPoints, Anchors]:
+def _attached(operands: ShadowTables, receiver: Vertex, factor: Array) -> tuple[ViewRays, Anchors]:
     """Return what the receiver's point depends on, seen at a fixed image point, times a factor (3,)."""
     camera, n = operands.tables.camera, receiver.point.normal
     toward = camera.toward((receiver.view.image[0], receiver.view.image[1]))
@@ -336,7 +341,7 @@ def _attached(operands: ShadowTables, receiver: Vertex, factor: Array) -> tuple[
     shown = jnp.sum(receiver.weight) > 0
     on_surface = jnp.where(shown, n * safe_divide(dot(factor, toward), slope), 0)
     on_ray = jnp.where(shown, factor, 0) - on_surface
-    view = ViewPoints(receiver.view.image, jnp.where(shown, receiver.view.depth, 0), on_ray)
+    view = ViewRays(receiver.view.image, on_ray, jnp.where(shown, receiver.view.depth, 0) * on_ray)
     return view, _receiver_anchors(operands, receiver, on_surface)
 
 

@@ -109,14 +109,19 @@ def _angular_edges(edges: EdgeTable, eye: Array, reach: Array, creases: bool, bi
     side = jnp.stack(jnp.broadcast_arrays(*_cross_rows(b - a, away)), -1)
     length = safe_divide(jnp.sqrt(jnp.sum(side * side, -1)), squared) / bins
     n0, n1 = edges.normals[:, 0], edges.normals[:, 1]
-    turn = jnp.sqrt(jnp.sum((n0 - n1) ** 2, -1))
-    bent = edges.border | (turn > 1e-4)
+    bent = is_bent(edges)
     if creases:
         shown = bent | ~edges.same
     else:
         h0, h1 = (jnp.sum(n * (eye[None] - edges.corners[:, 0]), -1) for n in (n0, n1))
         shown = bent & (edges.border | ~(((h0 > reach) & (h1 > reach)) | ((h0 < -reach) & (h1 < -reach))))
     return jnp.where((shown & edges.used)[:, None], length, 0).ravel()
+
+
+def is_bent(edges: EdgeTable) -> Array:
+    """Return whether each edge (e,) can be an outline: it ends a surface, or its faces are not of one plane."""
+    turn = jnp.sqrt(jnp.sum((edges.normals[:, 0] - edges.normals[:, 1]) ** 2, -1))
+    return edges.border | (turn > 1e-4)
 
 
 def _cross_rows(a: Array, b: Array) -> tuple[Array, Array, Array]:

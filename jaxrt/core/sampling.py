@@ -64,6 +64,14 @@ def sample_cosine_hemisphere(n: Array, u: Pair) -> Array:
     return around(n, safe_sqrt(1 - u[1]), safe_sqrt(u[1]), u[0])
 
 
+def numbers_of_direction(n: Array, direction: Array) -> tuple[Array, Array]:
+    """Return the pair u for which `sample_cosine_hemisphere(n, u)` is a direction above the surface."""
+    t, b = frame(n)
+    x, y, z = (a[0] * direction[0] + a[1] * direction[1] + a[2] * direction[2] for a in (t, b, n))
+    turn = jnp.arctan2(y, x) / (2 * math.pi)
+    return jnp.clip(turn - jnp.floor(turn), 0, 1), jnp.clip(z * z, 0, 1)
+
+
 def pdf_cosine_hemisphere(cos: Array) -> Array:
     """Return the density cosθ/π, 0 below the surface."""
     return jnp.maximum(cos, 0) / math.pi

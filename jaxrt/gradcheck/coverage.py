@@ -68,8 +68,14 @@ def _known_edges(scene: Scene, light_moves: bool, shapes_move: bool, max_depth: 
         edges.append("shadow edges")
     if (shapes_move and (outlines or sphere_lights)) or (light_moves and sphere_lights):
         edges.append("outlines seen by the camera" if shapes_move else "outlines of lights seen by the camera")
-    if light_moves and outlines and diffuse and max_depth > 1:
+    if (light_moves or shapes_move) and scene.lights is not None and outlines and diffuse and max_depth > 1:
         edges.append("shadow edges in indirect light")
+    # After the last event, a diffuse surface sees the sky alone
+    bounces = diffuse and (scene.environment is not None or (scene.lights is not None and max_depth > 1))
+    if bounces and ((shapes_move and (outlines or sphere_lights)) or (light_moves and sphere_lights)):
+        edges.append(
+            "outlines seen by diffuse surfaces" if shapes_move else "outlines of lights seen by diffuse surfaces"
+        )
     return edges
 
 
@@ -78,12 +84,10 @@ def _unknown_edges(scene: Scene, name: str, row: int | None, max_depth: int) -> 
     surfaces = surfaces_of(scene)
     movers = movers_of(scene, surfaces, name, row)
     light_moves = name.startswith("lights.")
-    ball_light_moves = light_moves and bool(np.any(surfaces.radii[movers.balls] > 0))
     sphere_lights = scene.lights is not None and scene.lights.have_size
     sky = scene.environment is not None and bool(np.any(np.asarray(scene.environment) > 0))
     sky = sky or (scene.lights is not None and any(scene.lights.skies()))
     faced = scene.eye is None or not nothing_faces_another(surfaces, np.asarray(scene.eye, float))
-    bounces = faced and scene.materials.are_lit
     edges = []
     if some_cross(surfaces, movers):
         edges.append(CROSSING)
@@ -91,10 +95,10 @@ def _unknown_edges(scene: Scene, name: str, row: int | None, max_depth: int) -> 
     # What follows the last event shows lights and the sky alone
     if specular and (max_depth > 1 or sphere_lights or (sky and not light_moves)):
         edges.append(SPECULAR)
-    if bounces and sky and not light_moves:
+    # Of spheres alone these are right; where meshes see or are seen they are added, but not shown to be right yet
+    meshes = scene.triangles is not None and faced and scene.materials.are_lit and not light_moves
+    if meshes and sky:
         edges.append(SKY)
-    if bounces and max_depth > 1 and not light_moves:
+    if meshes and max_depth > 1:
         edges.append(INDIRECT)
-    if bounces and ball_light_moves and (max_depth > 1 or sky):
-        edges.append(LIGHTS)
     return edges

@@ -1,0 +1,205 @@
+"""The outlines that diffuse surfaces see by the rays they scatter: the sky's shadow, colour bleeding, dark lights.
+
+A sample is a path from the camera to a diffuse surface, and from there a ray that grazes an outline. A unit of
+clearance exchanges the radiance beyond the outline for that of what blocks it. The path's random numbers are held
+fixed, as they are inside of edges: so the ray moves with all surfaces that the path turned on, and turns with the last.
+"""
+
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxrt.boundary.clearance import EdgeSamples
+from jaxrt.boundary.guiding import Draw, place, sample_guided
+from jaxrt.boundary.lookouts import Lookouts, lookouts_at, points_seen
+from jaxrt.boundary.outlines import LIGHTS_ONLY, both_sides
+from jaxrt.boundary.shadows import Plan, occluder_anchors
+from jaxrt.boundary.silhouettes import Rim, Silhouettes, edge_table, rim_at
+from jaxrt.boundary.trail import Turn, central_ray, reach_of, trail_of
+from jaxrt.core.maths import dot, face_forward, normalize, safe_divide
+from jaxrt.core.pytree import pytree
+from jaxrt.core.records import Hit, Ray, SurfacePoint
+from jaxrt.core.samplers import Stream, independent
+from jaxrt.core.sampling import numbers_of_direction
+from jaxrt.kernels.native import map_packets, once
+from jaxrt.materials import scatter
+from jaxrt.scene import Scene
+from jaxrt.shapes import find, leave, surface_point
+from jaxrt.transport.path import Tables, Walk, event_at, last_look, tables_of
+
+TILES = 8  # the picture is divided into so many parts each way, among which a pilot shares the samples
+CANDIDATES = 32  # points of outlines, of which one is taken by how large it looks
+LOOKOUTS = 64
+TURNED = 1e-6  # least cosine at which a diffuse surface sees anything
+
+
+@pytree
+class BouncedTables:
+    """What samples of outlines that surfaces see are drawn from."""
+
+    tables: Tables
+    outlines: Silhouettes
+    lookouts: Lookouts
+
+
+@pytree
+class Arrival:
+    """A path's event."""
+
+    turn: Turn
+    flux: Array  # (3,) what light from anywhere there counts in the picture; 0 but at diffuse surfaces
+
+
+@pytree
+class Grazing:
+    """A ray that grazes an outline."""
+
+    row: Array
+    t: Array
+    rim: Rim
+    weight: Array  # () angle that the outline sweeps a unit of clearance, times the cosine, over its density
+
+
+def bounced_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
+    """Return samples of moving outlines that diffuse surfaces see: all, or those of sphere lights alone."""
+    lights = scene.lights is not None and scene.lights.have_size
+    # After the last event, a diffuse surface sees the sky alone
+    events = plan.max_depth if scene.environment is not None else plan.max_depth - 1
+    dark = scene.environment is None and scene.lights is None
+    moves = scene.camera.is_central and (lights or plan.geometry_moves)
+    if dark or events == 0 or scene.materials.ends[0] == 0 or not moves:
+        return ()
+    tables = tables_of(scene)
+    edges = edge_table(scene.triangles) if scene.triangles is not None and plan.geometry_moves else None
+    outlines = Silhouettes(tables.geometry.spheres, edges)
+    if outlines.rows == 0:
+        return ()
+    first, creases = 0 if plan.geometry_moves else tables.first_light, plan.max_depth > 1
+    places = _places(tables, seed, events)
+    operands = BouncedTables(tables, outlines, lookouts_at(outlines, places, first, creases))
+    weights = jnp.ones(events * TILES * TILES, places.dtype)
+    n = plan.n if plan.geometry_moves else -(-plan.n // LIGHTS_ONLY)
+    sample = partial(_sample, plan, events)
+    return (sample_guided(sample, operands, weights, n, seed ^ jnp.uint32(2), plan.devices),)
+
+
+def _sample(plan: Plan, events: int, operands: BouncedTables, draw: Draw) -> tuple[EdgeSamples, Array]:
+    """Return one sample, and what it brings."""
+    tables, outlines, camera = operands.tables, operands.outlines, operands.tables.camera
+    # A path from the camera
+    placed = once(place)(draw)
+    last, tile = placed.bin // (TILES * TILES), placed.bin % (TILES * TILES)
+    x = ((tile % TILES).astype(placed.t.dtype) + placed.t) * (camera.width / TILES)
+    y = ((tile // TILES).astype(placed.t.dtype) + draw.spread[0]) * (camera.height / TILES)
+    arrivals = _path(tables, central_ray(camera, x, y), draw.stream, events)
+    arrival = jax.tree.map(lambda a: a[last], arrivals)
+    point = once(surface_point)(tables.geometry, arrival.turn.ray, Hit(arrival.turn.index, jnp.ones((), bool)))
+    facing = face_forward(point.shading, -arrival.turn.ray.direction)
+    eye = once(leave)(point, facing).origin
+    # From its end past an outline
+    grazing = _grazing(plan, operands, eye, facing, arrival.turn.index, draw)
+    starts, clear = both_sides(tables, outlines, grazing.row, grazing.rim, eye)
+    outside, inside = jax.vmap(partial(_radiance_from, plan, tables, draw.stream, last))(*starts)
+    density = placed.density * draw.total * (TILES * TILES / (camera.width * camera.height))
+    seen = clear & (grazing.weight > 0) & (density > 0)
+    weight = jnp.where(seen, arrival.flux * (outside - inside) * safe_divide(grazing.weight / jnp.pi, density), 0)
+    column, row = (
+        jnp.minimum(x.astype(jnp.int32), camera.width - 1),
+        jnp.minimum(y.astype(jnp.int32), camera.height - 1),
+    )
+    pixel = jnp.where(seen, row * camera.width + column, camera.width * camera.height)
+    # How it moves
+    anchors = occluder_anchors(outlines, plan.geometry_moves, grazing.row, grazing.t, grazing.rim)
+    if not plan.geometry_moves:
+        return EdgeSamples(pixel[None], weight[None], None, None, (anchors,)), jnp.sum(jnp.abs(weight))
+    direction = normalize(grazing.rim.point - eye)
+    factor = jnp.where(seen, grazing.rim.normal, 0)
+    change = Ray(factor, grazing.rim.distance * factor)
+    turns = _aimed(arrivals.turn, last, once(numbers_of_direction)(facing, direction))
+    rays, trail = trail_of(tables, turns, last, change, jnp.stack([x, y]))
+    samples = EdgeSamples(pixel[None], weight[None], None, rays, (anchors,), trail)
+    return samples, jnp.sum(jnp.abs(weight)) * (1 + reach_of(trail))
+
+
+def _path(tables: Tables, ray: Ray, stream: Stream, events: int) -> Arrival:
+    """Return the events (events,) of a path from the camera."""
+
+    def event(carry: tuple[Ray, Array], k: Array) -> tuple[tuple[Ray, Array], Arrival]:
+        ray, throughput = carry
+        hit = once(find)(tables.geometry, ray)
+        point = once(surface_point)(tables.geometry, ray, hit)
+        _, _, *u = (x.astype(throughput.dtype) for x in independent(stream, k))
+        scattering = once(scatter)(tables.materials, point, -ray.direction, (u[0], u[1]))
+        onward = jnp.where(hit.valid, throughput * scattering.weight, 0)
+        arrival = Arrival(Turn(ray, hit.index, (u[0], u[1])), jnp.where(scattering.diffuse, onward, 0))
+        return (once(leave)(point, scattering.direction), onward), arrival
+
+    return lax.scan(event, (ray, jnp.ones_like(ray.origin)), jnp.arange(1, events + 1, dtype=jnp.int32))[1]
+
+
+def _places(tables: Tables, seed: Array, events: int) -> Array:
+    """Return places (LOOKOUTS, 3) that paths of the picture come to: the camera's own where they come to none."""
+
+    def lane(operands: tuple[Tables, Array], k: Array) -> Array:
+        tables, seed = operands
+        stream = Stream(jnp.uint32(0), k.astype(jnp.uint32), seed ^ jnp.uint32(3), jnp.uint32(LOOKOUTS))
+        u, v, *_ = (x.astype(tables.camera.position.dtype) for x in independent(stream, 0))
+        ray = central_ray(tables.camera, u * tables.camera.width, v * tables.camera.height)
+        arrival = jax.tree.map(lambda a: a[k % events], _path(tables, ray, stream, events))
+        there = once(surface_point)(tables.geometry, arrival.turn.ray, Hit(arrival.turn.index, jnp.ones((), bool)))
+        return jnp.where(jnp.sum(arrival.flux) > 0, there.position, tables.camera.position)
+
+    def packet(operands: tuple[Tables, Array], _: Array) -> Array:
+        return jax.vmap(partial(lane, operands))(jnp.arange(LOOKOUTS, dtype=jnp.int32))
+
+    return map_packets(packet, (tables, seed), jnp.arange(1, dtype=jnp.int32))[0]
+
+
+def _grazing(plan: Plan, operands: BouncedTables, eye: Array, facing: Array, index: Array, draw: Draw) -> Grazing:
+    """Return one of several points of outlines, taken by how much of the light that arrives each may change."""
+    outlines = operands.outlines
+    creases = plan.max_depth > 1
+    rows, t, density = once(partial(points_seen, count=CANDIDATES))(outlines, operands.lookouts, eye, draw.spread[1])
+    rims = jax.vmap(once(partial(rim_at, creases=creases)), in_axes=(None, 0, 0, None))(outlines, rows, t, eye)
+
+    def worth(rim: Rim, row: Array, density: Array, eye: Array, facing: Array, index: Array) -> Array:
+        cosine = dot(facing, normalize(rim.point - eye))
+        own = (row == index) & (row < outlines.spheres_count)
+        ok = rim.valid & (cosine > TURNED) & ~own & (rim.distance > 0)
+        return jnp.where(ok, safe_divide(rim.jacobian * cosine, rim.distance * rim.distance * density), 0)
+
+    sums = jnp.cumsum(
+        jax.vmap(once(worth), in_axes=(0, 0, 0, None, None, None))(rims, rows, density, eye, facing, index)
+    )
+    at = independent(draw.stream, 0)[0].astype(eye.dtype) * sums[-1]
+    chosen = jnp.minimum(jnp.sum(sums <= at), CANDIDATES - 1)
+    return Grazing(rows[chosen], t[chosen], jax.tree.map(lambda a: a[chosen], rims), sums[-1] / CANDIDATES)
+
+
+def _radiance_from(
+    plan: Plan, tables: Tables, stream: Stream, last: Array, ray: Ray, hit: Hit, point: SurfacePoint
+) -> Array:
+    """Return the radiance (3,) along a diffuse surface's ray whose first surface is known.
+
+    last: () number of the event that the ray leaves, from 0.
+    """
+    ones = jnp.ones_like(ray.origin)
+    first = last + 2
+
+    def event(k: Array, walk: Walk) -> Walk:
+        here = once(find)(tables.geometry, walk.ray)
+        there = once(surface_point)(tables.geometry, walk.ray, here)
+        here, there = jax.tree.map(lambda a, b: jnp.where(k == first, a, b), (hit, point), (here, there))
+        return event_at(tables, walk, here, there, tuple(x.astype(ones.dtype) for x in independent(stream, k)))
+
+    walk = Walk(ray, ones, jnp.zeros_like(ones), jnp.zeros((), bool))
+    return last_look(tables, lax.fori_loop(first, plan.max_depth + 1, event, walk))
+
+
+def _aimed(turns: Turn, last: Array, numbers: tuple[Array, Array]) -> Turn:
+    """Return a path's events with other numbers at one of them."""
+    here, (u0, u1) = jnp.arange(turns.index.shape[0]) == last, turns.numbers
+    return replace(turns, numbers=(jnp.where(here, numbers[0], u0), jnp.where(here, numbers[1], u1)))

@@ -1,0 +1,194 @@
+"""How a path from the camera moves with the surfaces it turns on, its random numbers held fixed.
+
+The clearance of a path's last ray, or last point, is a number; what it changes by with all that the path has met is
+found backwards, event by event, without reading more of the scene than the surface of each event.
+"""
+
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxrt.boundary.clearance import Trail, ViewRays
+from jaxrt.cameras import View
+from jaxrt.core.maths import dot, face_forward, grad_only, normalize, safe_sqrt
+from jaxrt.core.pytree import pytree
+from jaxrt.core.records import Hit, Ray, SurfacePoint
+from jaxrt.core.sampling import numbers_of_direction
+from jaxrt.kernels.native import once
+from jaxrt.materials import Materials, scatter
+from jaxrt.shapes import Geometry, leave, surface_point
+from jaxrt.shapes.sphere import SphereTable
+from jaxrt.shapes.triangle import corner_table
+from jaxrt.transport.path import Tables
+
+
+@pytree
+class Turn:
+    """One event of a path: the ray that arrives, what it meets, and the two numbers by which it goes on."""
+
+    ray: Ray
+    index: Array  # () int32 primitive
+    numbers: tuple[Array, Array]
+
+
+@pytree
+class _Shape:
+    """What places one surface."""
+
+    center: Array | None  # (3,)
+    radius: Array | None  # ()
+    corners: Array | None  # (3, 3)
+    normals: Array | None  # (3, 3)
+
+
+def pull_ray(geometry: Geometry, materials: Materials, turn: Turn, change: Ray) -> tuple[Trail, Ray]:
+    """Return the factors of a surface in `change`·r, r being the ray that leaves it, and those of the ray that arrives.
+
+    change: (3,) factors of origin and direction.
+    """
+    shape = once(_shape)(geometry, turn.index)
+    at_point, at_direction = once(_pull_onward)(geometry, materials, shape, turn, change)
+    factors, before = once(_pull_point)(geometry, shape, turn, at_point)
+    trail = Trail(turn.index, factors.center, factors.radius, factors.corners, factors.normals)
+    return trail, Ray(before.origin, before.direction + at_direction)
+
+
+def _pull_onward(
+    geometry: Geometry, materials: Materials, shape: _Shape, turn: Turn, change: Ray
+) -> tuple[SurfacePoint, Array]:
+    """Return the factors of the point, and of the direction that arrives, in those of the ray that leaves."""
+    there = _point(geometry, turn.index, shape, turn.ray)
+
+    def onward(point: SurfacePoint, arriving: Array) -> Ray:
+        marked = replace(point, material=there.material)
+        return leave(point, scatter(materials, marked, -arriving, turn.numbers).direction)
+
+    factors: tuple[SurfacePoint, Array] = jax.vjp(onward, _unmarked(there), turn.ray.direction)[1](change)
+    return factors
+
+
+def _pull_point(geometry: Geometry, shape: _Shape, turn: Turn, change: SurfacePoint) -> tuple[_Shape, Ray]:
+    """Return the factors of a surface, and of the ray that arrives, in those of the point."""
+
+    def place(shape: _Shape, ray: Ray) -> SurfacePoint:
+        return _unmarked(_point(geometry, turn.index, shape, ray))
+
+    factors: tuple[_Shape, Ray] = jax.vjp(place, shape, turn.ray)[1](change)
+    return factors
+
+
+def _unmarked(point: SurfacePoint) -> SurfacePoint:
+    """Return the point without its material: a whole number has no derivative."""
+    return replace(point, material=jnp.zeros_like(point.error))
+
+
+def _shape(geometry: Geometry, index: Array) -> _Shape:
+    center = radius = corners = normals = None
+    if geometry.spheres is not None:
+        row = jnp.minimum(index, geometry.spheres.radius.shape[0] - 1)
+        center, radius = geometry.spheres.center[row], geometry.spheres.radius[row]
+    if geometry.triangles is not None:
+        row = jnp.maximum(index - spheres_count(geometry), 0)
+        corners = geometry.triangles.corners[row]
+        normals = None if geometry.triangles.normals is None else geometry.triangles.normals[row]
+    return _Shape(center, radius, corners, normals)
+
+
+def spheres_count(geometry: Geometry) -> int:
+    """Return the number of primitives that are spheres or sphere lights."""
+    return 0 if geometry.spheres is None else geometry.spheres.radius.shape[0]
+
+
+def _point(geometry: Geometry, index: Array, shape: _Shape, ray: Ray) -> SurfacePoint:
+    """Return where a ray meets the surface of primitive `index`, placed as `shape` says."""
+    n = spheres_count(geometry)
+    spheres = triangles = None
+    if geometry.spheres is not None:
+        assert shape.center is not None and shape.radius is not None
+        spheres = _sphere(geometry.spheres, jnp.minimum(index, n - 1), shape.center, shape.radius)
+    if geometry.triangles is not None:
+        assert shape.corners is not None
+        material = geometry.triangles.material[jnp.maximum(index - n, 0)]
+        normals = None if shape.normals is None else shape.normals[None]
+        wide = geometry.triangles.wide
+        triangles = corner_table(shape.corners[None], material[None], None, normals, wide)
+    among = jnp.where(index < n, 0, 1 if n else 0).astype(jnp.int32)
+    return surface_point(Geometry(spheres, triangles), ray, Hit(among, jnp.ones((), bool)))
+
+
+def _sphere(table: SphereTable, row: Array, center: Array, radius: Array) -> SphereTable:
+    """Return one row of a table, with the derivatives in centre and radius that `sphere_table` gives it."""
+    squared = dot(center, center)
+    huge = radius * radius > squared / 4
+    one = jax.tree.map(lambda x: x[row], table)
+    base, shift = grad_only(jnp.where(huge, 0, center)), grad_only(jnp.where(huge, center, 0))
+    constant = grad_only(jnp.where(huge, squared, 0) - radius * radius)
+    moving = SphereTable(center, radius, one.base + base, one.shift + shift, one.constant + constant, one.material)
+    return jax.tree.map(lambda x: x[None], moving)
+
+
+def trail_of(tables: Tables, turns: Turn, last: Array, change: Ray, image: Array) -> tuple[ViewRays, Trail]:
+    """Return what `change`·r depends on, r being the ray that leaves event number `last` (from 0) of a path.
+
+    turns: (k,) the path's events. image: (2,) where the path begins. All is 0, whatever the path, where `change` is.
+    """
+    wanted = jnp.any(change.origin != 0)
+
+    def back(change: Ray, event: tuple[Array, Turn]) -> tuple[Ray, Trail]:
+        k, turn = event
+        trail, before = pull_ray(tables.geometry, tables.materials, turn, change)
+        # What comes after is not on the way
+        on_way = wanted & (k <= last)
+        return _where(on_way, before, change), _where(on_way, trail, jax.tree.map(jnp.zeros_like, trail))
+
+    numbers = jnp.arange(turns.index.shape[0], dtype=jnp.int32)
+    change, trail = lax.scan(back, change, (numbers, turns), reverse=True)
+    return view_rays(tables, image, change), trail
+
+
+def path_through(tables: Tables, points: Array, index: Array) -> Turn:
+    """Return the events (k,) of a path from the camera that meets primitives (k,) at points (k, 3), in this order."""
+    source = jnp.concatenate([tables.camera.position[None], points[:-1]])
+    beyond = jnp.concatenate([points[1:], points[-1:]])
+    return jax.vmap(once(partial(_turn, tables)))(source, points, index, beyond)
+
+
+def _turn(tables: Tables, source: Array, place: Array, index: Array, beyond: Array) -> Turn:
+    """Return the event at a place on a path from somewhere to somewhere."""
+    ray, onward = Ray(source, normalize(place - source)), normalize(beyond - place)
+    point = surface_point(tables.geometry, ray, Hit(index, jnp.ones((), bool)))
+    u0, u1 = numbers_of_direction(face_forward(point.shading, -ray.direction), onward)
+    # Glass reflects for small numbers
+    diffuse = point.material < tables.materials.counts[0]
+    back = dot(point.shading, ray.direction) * dot(point.shading, onward) < 0
+    return Turn(ray, index, (jnp.where(diffuse, u0, jnp.where(back, 0, 1 - 2.0**-24)), u1))
+
+
+def reach_of(trail: Trail) -> Array:
+    """Return by how much the clearance changes, about, where the surfaces of a path move by a unit."""
+    factors = [x for x in (trail.center, trail.corners) if x is not None]
+    return safe_sqrt(jnp.sum(jnp.stack([jnp.sum(x * x) for x in factors])))
+
+
+def view_rays(tables: Tables, image: Array, change: Ray) -> ViewRays:
+    """Return the factors of the camera's position and direction from those of its ray through an image point."""
+    camera = tables.camera
+    toward = camera.toward((image[0], image[1]))
+
+    def pull(toward: Array, change: Ray) -> tuple[Array, Array]:
+        return jax.vjp(lambda o, d: Ray(o, normalize(d)), camera.position, toward)[1](change)
+
+    return ViewRays(image, *once(pull)(toward, change))
+
+
+def central_ray(camera: View, x: Array, y: Array) -> Ray:
+    """Return the ray of a central camera through an image point."""
+    return Ray(camera.position, normalize(camera.toward((x, y))))
+
+
+def _where(use: Array, new: Any, old: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(use, a, b), new, old)
