@@ -179,7 +179,7 @@ def turns_of(scene, image, numbers, hits=None):
         hit = find(tables.geometry, ray) if hits is None else Hit(jnp.int32(hits[k]), jnp.ones((), bool))
         turns.append(Turn(ray, hit.index, u))
         point = surface_point(tables.geometry, ray, hit)
-        ray = leave(point, scatter(tables.materials, point.material, point.shading, -ray.direction, u).direction)
+        ray = leave(point, scatter(tables.materials, point, -ray.direction, u).direction)
     return ray, turns
 
 
