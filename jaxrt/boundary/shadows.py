@@ -33,7 +33,7 @@ from jaxrt.kernels.native import once
 from jaxrt.lights import Lights, LightTable, casters_of, intensity_toward
 from jaxrt.materials import Scattering, evaluate, scatter
 from jaxrt.scene import Scene
-from jaxrt.shapes import find, leave, occluded, surface_point
+from jaxrt.shapes import Geometry, find, leave, occluded, surface_point
 from jaxrt.transport.path import Tables, tables_of
 
 NUDGE = 1e-4  # of the distance to the outline: rays pass it at this distance, since grazing ones may go either way
@@ -342,21 +342,28 @@ def _attached(operands: ShadowTables, receiver: Vertex, factor: Array) -> tuple[
     on_surface = jnp.where(shown, n * safe_divide(dot(factor, toward), slope), 0)
     on_ray = jnp.where(shown, factor, 0) - on_surface
     view = ViewRays(receiver.view.image, on_ray, jnp.where(shown, receiver.view.depth, 0) * on_ray)
-    return view, _receiver_anchors(operands, receiver, on_surface)
+    point = receiver.point.position, receiver.point.normal
+    return view, surface_anchors(operands.tables.geometry, operands.faces, receiver.index, point, on_surface)
 
 
-def _receiver_anchors(operands: ShadowTables, receiver: Vertex, factor: Array) -> Anchors:
-    geometry, p = operands.tables.geometry, receiver.point.position
-    n = 0 if geometry.spheres is None else geometry.spheres.radius.shape[0]
-    on_sphere = jnp.where(receiver.index < n, 1, 0).astype(p.dtype)
-    sphere = None if geometry.spheres is None else jnp.clip(receiver.index, 0, n - 1)
-    normal = None if geometry.spheres is None else receiver.point.normal
-    if operands.faces is None:
-        return Anchors(sphere, normal, None if sphere is None else on_sphere, None, None, factor)
+def surface_anchors(
+    geometry: Geometry, faces: Array | None, index: Array, point: tuple[Array, Array], factor: Array
+) -> Anchors:
+    """Return the point of primitive `index` that stays where it is on it, times a factor (3,).
+
+    point: position and outward normal. faces: (n, 3) of all triangles; None where triangles do not move.
+    """
+    p, n = point[0], 0 if geometry.spheres is None else geometry.spheres.radius.shape[0]
+    on_sphere = jnp.where(index < n, 1, 0).astype(p.dtype)
+    sphere = normal = on = None
+    if geometry.spheres is not None:
+        sphere, normal, on = jnp.clip(index, 0, n - 1), point[1], on_sphere
+    if faces is None:
+        return Anchors(sphere, normal, on, None, None, factor)
     assert geometry.triangles is not None
-    face = jnp.maximum(receiver.index - n, 0)
+    face = jnp.maximum(index - n, 0)
     weights = (1 - on_sphere) * _barycentric(geometry.triangles.corners[face], p)
-    return Anchors(sphere, normal, None if sphere is None else on_sphere, operands.faces[face], weights, factor)
+    return Anchors(sphere, normal, on, faces[face], weights, factor)
 
 
 def _barycentric(corners: Array, p: Array) -> Array:

@@ -23,7 +23,9 @@ from jaxrt.shapes.sphere import (
     find_sphere,
     kept_digits,
     lost_digits,
+    nearest_approach,
     occluded_by_sphere,
+    sphere_distance,
     sphere_surface_point,
     sphere_table,
 )
@@ -32,6 +34,8 @@ from jaxrt.shapes.triangle import (
     TriangleTable,
     find_triangle,
     occluded_by_triangle,
+    plane_distance,
+    triangle_distance,
     triangle_surface_point,
     triangle_table,
 )
@@ -42,6 +46,7 @@ __all__ = [
     "Survey",
     "Topology",
     "Triangles",
+    "distance_to",
     "find",
     "geometry_of",
     "kept_digits",
@@ -81,6 +86,24 @@ def find(geometry: Geometry, ray: Ray) -> Hit:
         _, row = find_triangle(geometry.triangles, ray, distance)
         index = jnp.where(row >= 0, row + _first_triangle(geometry), index)
     return Hit(jnp.maximum(index, 0), index >= 0)
+
+
+def distance_to(geometry: Geometry, ray: Ray, index: Array, whole: bool = False) -> Array:
+    """Return the distance () along the ray to primitive `index`, FAR if it misses. No derivative passes through.
+
+    whole: surfaces go on beyond their outlines, triangles by their planes, spheres by where a ray is nearest to them.
+    """
+    geometry, ray = lax.stop_gradient((geometry, ray))
+    of_triangle = plane_distance if whole else triangle_distance
+    of_sphere = nearest_approach if whole else sphere_distance
+    if geometry.triangles is None:
+        assert geometry.spheres is not None
+        return of_sphere(geometry.spheres, ray, index)
+    if geometry.spheres is None:
+        return of_triangle(geometry.triangles, ray, index)
+    first = _first_triangle(geometry)
+    a = of_sphere(geometry.spheres, ray, jnp.minimum(index, first - 1))
+    return jnp.where(index < first, a, of_triangle(geometry.triangles, ray, jnp.maximum(index - first, 0)))
 
 
 def occluded(geometry: Geometry, ray: Ray, distance: Array, skip: Array | None = None) -> Array:

@@ -94,6 +94,18 @@ def _distance(row: Row, ray: Ray) -> Array:
     return jnp.where(hit, jnp.where(chord_ahead, larger, jnp.abs(power) / larger), FAR)
 
 
+def sphere_distance(table: SphereTable, ray: Ray, i: Array) -> Array:
+    """Return the smallest positive distance to sphere `i`, FAR if there is none. No derivative is taken of it."""
+    return _distance(_row(table, i), ray)
+
+
+def nearest_approach(table: SphereTable, ray: Ray, i: Array) -> Array:
+    """Return that distance, and of a ray that misses where it is nearest to the sphere: both meet at its outline."""
+    row = _row(table, i)
+    b, power, discriminant = _roots(row, ray)
+    return jnp.where((discriminant <= 0) & (power > 0) & (b < 0), -b, _distance(row, ray))
+
+
 def _pair(table: SphereTable, ray: Ray, pair: Array) -> list[tuple[Array, Array]]:
     """Return (row, distance) of two neighbouring spheres; an odd last one comes twice, which harms nothing.
 

@@ -79,6 +79,19 @@ def _hit_weights(corners: Array, ray: Ray) -> tuple[Array, Array]:
     return safe_divide(jnp.abs(e1), total), safe_divide(jnp.abs(e2), total)
 
 
+def triangle_distance(table: TriangleTable, ray: Ray, i: Array) -> Array:
+    """Return the distance to triangle `i`, FAR if it is missed. No derivative is taken of it."""
+    return hit_distance(sheared(take(table.corners, i), ray, table.wide))
+
+
+def plane_distance(table: TriangleTable, ray: Ray, i: Array) -> Array:
+    """Return the distance to the plane of triangle `i`, FAR if it lies behind or along the ray."""
+    corners = take(table.corners, i)
+    normal = normalize(cross(corners[1] - corners[0], corners[2] - corners[0]))
+    t = safe_divide(dot(normal, corners[0] - ray.origin), dot(normal, ray.direction))
+    return jnp.where(t > 0, jnp.minimum(t, FAR), FAR)
+
+
 def find_triangle(table: TriangleTable, ray: Ray, farthest: Array) -> tuple[Array, Array]:
     """Return (distance, row) of the nearest triangle closer than `farthest`; row −1 and `farthest` if none is."""
     if table.tree is not None:

@@ -1,0 +1,179 @@
+"""Chains: what the camera's ray meets on its way over mirrors and through glass, up to the surface that scatters it.
+
+The path's numbers are held fixed, so that a chain depends on the image point alone. Two chains that meet the same
+surfaces in the same order are alike; where neighbours are not, something ends in between that the camera sees.
+"""
+
+from collections.abc import Callable
+from functools import partial
+
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxrt.boundary.trail import Turn
+from jaxrt.core.maths import FAR, dot, normalize, safe_divide, safe_sqrt
+from jaxrt.core.pytree import pytree
+from jaxrt.core.records import Hit, Ray, SurfacePoint
+from jaxrt.core.sampling import (
+    frame,
+    pdf_cosine_hemisphere,
+    pdf_uniform_sphere,
+    sample_cosine_hemisphere,
+    sample_uniform_sphere,
+)
+from jaxrt.kernels.native import once
+from jaxrt.lights import casters_of, intensity_toward, pick
+from jaxrt.materials import Scattering, evaluate, scatter
+from jaxrt.shapes import distance_to, find, leave, surface_point
+from jaxrt.transport.path import Tables
+
+ENDED, MISSED = -2, -1  # in place of a primitive
+AWAY = 1e18  # where rays start that are not wanted: they meet nothing, in no time
+LOBE = 0.9  # share of light points on the side that faces the surface
+BEYOND = 1e-3  # share of the distance to a light by which what blocks it is nearer
+
+Numbers = Callable[[int | Array], tuple[Array, Array, Array, Array]]
+
+
+@pytree
+class Chain:
+    """A chain of up to c events."""
+
+    turns: Turn  # (c,)
+    met: Array  # (c,) int32 primitive, MISSED or ENDED
+    through: Array  # (c,) bool: the ray went on through the surface
+    last: Array  # () int32 number of the last event, from 0
+    weight: Array  # (3,) throughput up to there
+
+
+@pytree
+class Lamp:
+    """A point of a light."""
+
+    light: Array  # () int32
+    position: Array  # (3,)
+    omega: Array  # (3,) unit; 0 for a light without size
+    shine: Array  # (3,) intensity over the density of the choice; of a sphere, to be multiplied by cosine/π
+
+
+@pytree
+class Look:
+    """What tells neighbouring chains apart."""
+
+    first: Array  # () int32 what the camera's ray itself meets
+    rest: Array  # () uint32 a hash of all that the chain meets
+    lit: Array  # () bool: the light's point is seen from its end
+
+
+def chain_from(tables: Tables, ray: Ray, numbers: Numbers, length: int) -> Chain:
+    """Return the chain of a camera ray. numbers: of each event, from 1, as for `radiance`."""
+
+    def event(carry: tuple[Ray, Array, Array], k: Array) -> tuple[tuple[Ray, Array, Array], tuple[Turn, Array, Array]]:
+        ray, going, weight = carry
+        start = jnp.where(going, ray.origin, AWAY) if length > 1 else ray.origin
+        hit = once(find)(tables.geometry, Ray(start, ray.direction))
+        point = once(surface_point)(tables.geometry, ray, hit)
+        _, _, *u = numbers(k + 1)
+        scattering = once(scatter)(tables.materials, point, -ray.direction, (u[0], u[1]))
+        met = jnp.where(going, jnp.where(hit.valid, hit.index, MISSED), ENDED)
+        on = going & hit.valid & scattering.specular
+        side = dot(point.shading, ray.direction) * dot(point.shading, scattering.direction)
+        onward = once(leave)(point, scattering.direction)
+        weight = jnp.where(on, weight * scattering.weight, weight)
+        return (onward, on, weight), (Turn(ray, hit.index, (u[0], u[1])), met, on & (side > 0))
+
+    start = ray, jnp.ones((), bool), jnp.ones_like(ray.origin)
+    (_, _, weight), (turns, met, through) = lax.scan(event, start, jnp.arange(length, dtype=jnp.int32))
+    last = jnp.sum(jnp.where(met != ENDED, 1, 0)).astype(jnp.int32) - 1
+    return Chain(turns, met, through, last, weight)
+
+
+def end_of(tables: Tables, chain: Chain) -> tuple[SurfacePoint, Ray, Array]:
+    """Return the surface that ends a chain, the ray that arrives there, and whether there is one that is lit."""
+    ray = Ray(chain.turns.ray.origin[chain.last], chain.turns.ray.direction[chain.last])
+    index = chain.met[chain.last]
+    point = once(surface_point)(tables.geometry, ray, Hit(jnp.maximum(index, 0), index >= 0))
+    ends = tables.materials.ends
+    lit = (point.material < ends[0]) | ((point.material >= ends[1]) & (point.material < ends[2]))
+    return point, ray, (index >= 0) & lit
+
+
+def lamp_for(tables: Tables, point: Array, u: tuple[Array, Array, Array, Array]) -> Lamp:
+    """Return a point of a light, likelier on the side that faces a point; of a light that has no place, a dark one."""
+    assert tables.lights is not None
+    lights = tables.lights.lights
+    places, radii, _ = casters_of(lights)
+    light, share, _ = pick(tables.lights.pick, u[1])
+    row = jnp.minimum(light, places.shape[0] - 1)
+    center = places[row]
+    spheres = 0 if lights.position is None else lights.position.shape[0]
+    intensity = jnp.zeros_like(center) if lights.position is None else lights.intensity[jnp.minimum(row, spheres - 1)]
+    if lights.others:
+        intensity = jnp.where(row < spheres, intensity, intensity_toward(lights, row, point))
+    shine = jnp.where(light < places.shape[0], intensity / share, 0)
+    if radii is None:
+        return Lamp(row, center, jnp.zeros_like(center), shine)
+    axis = normalize(point - center)
+    axis = jnp.where(dot(axis, axis) > 0, axis, jnp.zeros_like(axis).at[2].set(1))
+    lobe = u[2] < LOBE
+    omega = jnp.where(
+        lobe,
+        sample_cosine_hemisphere(axis, (jnp.where(lobe, u[2] / LOBE, 0), u[3])),
+        sample_uniform_sphere((jnp.where(lobe, 0, jnp.clip((u[2] - LOBE) / (1 - LOBE), 0, 1)), u[3])),
+    )
+    pdf = LOBE * pdf_cosine_hemisphere(dot(omega, axis)) + (1 - LOBE) * pdf_uniform_sphere()
+    size = radii[row]
+    has_size = size > 0
+    omega = jnp.where(has_size, omega, 0)
+    return Lamp(row, center + size * omega, omega, shine / jnp.where(has_size, pdf, 1))
+
+
+def blocker(tables: Tables, chain: Chain, lamp: Lamp) -> tuple[Ray, Array, Array]:
+    """Return the ray from a chain's end to a light's point, its length, and what blocks it: a primitive or MISSED.
+
+    Nothing does where a chain is too short to have this shadow to itself, or ends at nothing that the light faces.
+    """
+    point, arriving, lit = end_of(tables, chain)
+    away = lamp.position - point.position
+    length = safe_sqrt(dot(away, away))
+    ray = leave(point, normalize(away))
+    wanted = lit & (chain.last > 0) & (_sent(tables, point, arriving, lamp, ray.direction, length) > 0).any()
+    hit = once(find)(tables.geometry, Ray(jnp.where(wanted, ray.origin, AWAY), ray.direction))
+    nearer = distance_to(tables.geometry, ray, hit.index) < length * (1 - BEYOND)
+    own = tables.lights is not None and tables.lights.lights.have_size
+    other = hit.index != tables.first_light + lamp.light if own else True
+    return ray, length, jnp.where(wanted & hit.valid & nearer & other, hit.index, MISSED)
+
+
+def sent_by(tables: Tables, chain: Chain, lamp: Lamp) -> Array:
+    """Return the light (3,) that a light's point sends along a chain to the camera, if nothing blocks it."""
+    point, arriving, lit = end_of(tables, chain)
+    away = lamp.position - point.position
+    length = safe_sqrt(dot(away, away))
+    sent = _sent(tables, point, arriving, lamp, normalize(away), length)
+    return jnp.where(lit, chain.weight * sent, 0)
+
+
+def _sent(tables: Tables, point: SurfacePoint, arriving: Ray, lamp: Lamp, direction: Array, length: Array) -> Array:
+    wo = -arriving.direction
+    scattering: Scattering = scatter(tables.materials, point, wo, (jnp.zeros_like(length), jnp.zeros_like(length)))
+    sphere = dot(lamp.omega, lamp.omega) > 0
+    faced = jnp.where(sphere, jnp.maximum(-dot(lamp.omega, direction), 0) / jnp.pi, 1)
+    irradiance = lamp.shine * safe_divide(faced, length * length)
+    value = jnp.zeros_like(wo)
+    if scattering.albedo is not None:
+        value = scattering.albedo * (jnp.maximum(dot(point.facing(wo), direction), 0) / jnp.pi)
+    if scattering.glossy is not None:
+        shiny = once(evaluate)(tables.materials, point, wo, direction)[0]
+        value = jnp.where(scattering.glossy, shiny, value)
+    return irradiance * value
+
+
+def look_of(tables: Tables, chain: Chain, lamp: Lamp | None) -> Look:
+    """Return what tells a chain from its neighbours."""
+    mixed = jnp.zeros((), jnp.uint32)
+    for k in range(chain.met.shape[0]):
+        mixed = mixed * jnp.uint32(747796405) + chain.met[k].astype(jnp.uint32) + jnp.uint32(2891336453)
+        mixed = mixed ^ (mixed >> 15)
+    lit = jnp.zeros((), bool) if lamp is None else blocker(tables, chain, lamp)[2] == MISSED
+    return Look(chain.met[0], mixed, lit)
