@@ -14,6 +14,7 @@ from jax import Array
 
 from jaxrt.boundary.bounced import bounced_edges
 from jaxrt.boundary.clearance import EdgeSamples, clearance_of, splat
+from jaxrt.boundary.lines import line_edges
 from jaxrt.boundary.outlines import camera_edges
 from jaxrt.boundary.shadows import Plan, shadow_edges
 from jaxrt.kernels.native import as_operand
@@ -30,6 +31,7 @@ def sample_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ..
     return (
         *shadow_edges(scene, seed, plan),
         *camera_edges(scene, seed, plan),
+        *line_edges(scene, seed, plan),
         *bounced_edges(scene, seed, plan),
     )
 

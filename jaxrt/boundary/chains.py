@@ -5,17 +5,15 @@ surfaces in the same order are alike; where neighbours are not, something ends i
 """
 
 from collections.abc import Callable
-from functools import partial
 
 import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.boundary.trail import Turn
-from jaxrt.core.maths import FAR, dot, normalize, safe_divide, safe_sqrt
+from jaxrt.core.maths import dot, normalize, safe_divide, safe_sqrt
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.core.sampling import (
-    frame,
     pdf_cosine_hemisphere,
     pdf_uniform_sphere,
     sample_cosine_hemisphere,

@@ -1,0 +1,368 @@
+"""What the camera sees end that is no outline before its own eye: found on lines through the picture.
+
+These are the curves where surfaces cross; and, over mirrors and through glass, outlines, crossings, light balls, and
+the edges of shadows on the surface that a chain ends on. A line is one pixel long, parallel to one of the picture's
+axes, and looked at in a few places. Between two that differ it is halved until nothing else lies in between. A line
+along j meets an edge as often as it is long and F changes with j: each place where it does counts
+
+    (f₊ − f₋) · F_θ · |F_j| / (F_x² + F_y²),
+
+f₊ and f₋ the radiances on both sides, so that lines in both directions make up the whole, and lines that graze an edge
+count little. What is thinner than the distance of two looks may be missed.
+"""
+
+from collections.abc import Callable
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+from jax.typing import DTypeLike
+
+from jaxrt.boundary.between import Place, distances, may_cross, place_between
+from jaxrt.boundary.chains import (
+    ENDED,
+    Chain,
+    Lamp,
+    Look,
+    Numbers,
+    blocker,
+    chain_from,
+    end_of,
+    lamp_for,
+    look_of,
+    sent_by,
+)
+from jaxrt.boundary.clearance import EdgeSamples, LightPoints
+from jaxrt.boundary.guiding import LANES, Draw, Placed, place, sample_guided
+from jaxrt.boundary.shadows import Plan, surface_anchors
+from jaxrt.boundary.trail import central_ray, trail_of, view_rays
+from jaxrt.cameras import View
+from jaxrt.core.maths import FAR, dot, safe_divide, unit_roundoff
+from jaxrt.core.pytree import pytree
+from jaxrt.core.records import Ray
+from jaxrt.core.samplers import Stream, independent
+from jaxrt.kernels.native import map_packets, on_devices, once
+from jaxrt.lights import casters_of
+from jaxrt.scene import Scene
+from jaxrt.transport.path import Tables, radiance, tables_of
+
+STEPS = 4  # parts of a line where chains are looked at; one where the camera's rays alone are
+HALVINGS = 12
+ASIDE = 1e-3  # pixels: as near to its border no triangle is taken to cross another; what touches does not cross
+FAINT = 0.02  # weight of a difference that another sampler has, in all likelihood
+ELSEWHERE = 0.1  # share of the samples outside of where a look at the picture finds edges
+SHARE = 2  # one of so many boundary samples is a line
+
+
+@pytree
+class LineTables:
+    """What samples of lines are drawn from."""
+
+    tables: Tables
+    faces: Array | None  # (n, 3) int32
+
+
+@pytree
+class Line:
+    """A line of one pixel's length in the picture."""
+
+    start: Array  # (2,) image point
+    along: Array  # (2,) one of the picture's axes
+
+
+@pytree
+class Bracket:
+    """A piece of a line whose ends differ."""
+
+    ends: tuple[Array, Array]  # places on the line, in [0, 1]
+    looks: tuple[Look, Look]
+    coins: Array  # () number in [0, 1) that further choices are made by
+    odds: Array  # () one over the probability of the choices so far; 0 if nothing differs
+
+
+@pytree
+class Edge:
+    """What ends within a bracket."""
+
+    place: Place
+    change: Ray  # factors of the ray, or of the point that it leaves
+    event: Array  # () int32 that the ray leaves; −1 the camera
+    light: Array  # (3,) factor of the light's point
+    is_shadow: Array  # () bool
+    valid: Array  # () bool
+
+
+def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
+    """Return samples of what ends in the picture besides outlines: of all that moves, or of lights alone."""
+    delta = scene.materials.are_delta
+    shapes = sum(0 if x is None else x.material.shape[0] for x in (scene.spheres, scene.triangles))
+    lights = 0 if scene.lights is None or scene.lights.radius is None else scene.lights.radius.shape[0]
+    if not scene.camera.is_central or shapes + lights < 2 or not (plan.geometry_moves or (delta and scene.lights)):
+        return ()
+    tables = tables_of(scene)
+    faces = scene.triangles.faces if scene.triangles is not None and plan.geometry_moves else None
+    operands = LineTables(tables, faces)
+    seed = seed ^ jnp.uint32(4)
+    weights = _weights(plan, tables, seed)
+
+    def sampled(weights: Array) -> EdgeSamples:
+        found: EdgeSamples = sample_guided(
+            partial(_sample, plan), operands, weights, -(-plan.n // SHARE), seed, plan.devices
+        )
+        return found
+
+    # A loop of one turn, or of none where a look at the picture finds nothing: samples would cost much more
+    nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(sampled, weights))
+    some = jnp.any(weights > 0).astype(jnp.int32)
+    return (lax.fori_loop(0, some, lambda *_: sampled(weights), nothing),)
+
+
+def _length(plan: Plan, tables: Tables) -> int:
+    """Return how many events a chain may have: after the last one, lights and skies are seen."""
+    return plan.max_depth + 1 if tables.materials.are_delta else 1
+
+
+def _has_shadows(tables: Tables) -> bool:
+    """Return whether lights of a place cast shadows at the end of chains."""
+    if tables.lights is None or not (tables.materials.are_delta and tables.materials.are_lit):
+        return False
+    return casters_of(tables.lights.lights)[0].shape[0] > 0
+
+
+# Where they are
+
+
+def _weights(plan: Plan, tables: Tables, seed: Array) -> Array:
+    """Return weights (height · width,): pixels where something seems to end and their neighbours, then all others."""
+    width, height = tables.camera.width, tables.camera.height
+
+    def one_packet(operands: tuple[Tables, Array], packet: Array) -> Array:
+        tables, seed = operands
+        lanes = packet * LANES + jnp.arange(LANES, dtype=jnp.int32)
+        return jax.vmap(partial(_seems_to_end, plan, tables, seed))(lanes)
+
+    def on_device(operands: tuple[Tables, Array], packets: Array) -> Array:
+        return map_packets(one_packet, operands, packets[0])[None]
+
+    packets = -(-width * height // LANES)
+    found = on_devices(on_device, (tables, seed), packets, plan.devices)
+    found = jnp.swapaxes(found, 0, 1).reshape(-1)[: width * height].reshape(height, width)
+    around = lax.reduce_window(found, jnp.zeros((), found.dtype), lax.max, (3, 3), (1, 1), "SAME").ravel()
+    return around + ELSEWHERE / (1 - ELSEWHERE) * jnp.mean(around)
+
+
+def _seems_to_end(plan: Plan, tables: Tables, seed: Array, pixel: Array) -> Array:
+    """Return 1 where something seems to end within a pixel's width to the right or down, else 0."""
+    camera, dtype = tables.camera, tables.dtype
+    stream = Stream(jnp.uint32(0), pixel.astype(jnp.uint32), seed, jnp.uint32(camera.width * camera.height))
+    shift = independent(Stream(jnp.uint32(0), jnp.uint32(0), seed, jnp.uint32(1)), 0)
+    corner = jnp.stack([pixel % camera.width, pixel // camera.width]).astype(dtype) + jnp.stack(shift[:2]).astype(dtype)
+    numbers = _numbers(stream, dtype)
+
+    def ends(axis: Array) -> Array:
+        line = Line(corner, jnp.where(jnp.arange(2) == axis, 1, 0).astype(dtype))
+        look, _ = _looking(plan, tables, line, numbers)
+        first, last = (look(jnp.full((), s, dtype)) for s in (0, 1))
+        places = jnp.zeros_like(corner[0]), jnp.ones_like(corner[0])
+        return _interest(tables, line, places, (first, last)) >= 1
+
+    return jnp.where(jnp.any(lax.map(ends, jnp.arange(2))), 1, 0).astype(dtype)
+
+
+def _numbers(stream: Stream, dtype: DTypeLike) -> Numbers:
+    def numbers(k: int | Array) -> tuple[Array, Array, Array, Array]:
+        a, b, c, d = (x.astype(dtype) for x in independent(stream, k))
+        return a, b, c, d
+
+    return numbers
+
+
+def _looking(plan: Plan, tables: Tables, line: Line, numbers: Numbers) -> tuple[Callable[[Array], Look], Lamp | None]:
+    """Return what looks at places of a line, and the light's point whose shadows it looks for."""
+    length = _length(plan, tables)
+
+    def chain_at(s: Array) -> Chain:
+        return chain_from(tables, _ray(tables.camera, line, s), numbers, length)
+
+    lamp = None
+    if _has_shadows(tables):
+        point, _, _ = end_of(tables, chain_at(jnp.zeros_like(line.start[0])))
+        lamp = once(lamp_for)(tables, point.position, numbers(0))
+    return lambda s: look_of(tables, chain_at(s), lamp), lamp
+
+
+def _interest(tables: Tables, line: Line, places: tuple[Array, Array], looks: tuple[Look, Look]) -> Array:
+    """Return 0 where two looks are alike, 1 where they differ by what is sampled here, FAINT where hardly so."""
+    first = looks[0].first != looks[1].first
+    differs = first | (looks[0].rest != looks[1].rest) | (looks[0].lit != looks[1].lit)
+    pair = jnp.stack([looks[0].first, looks[1].first])
+    near, beyond = (distances(tables.geometry, _ray(tables.camera, line, s), pair)[0] for s in places)
+    # Do they meet in between if they go on as they are?
+    meet = (near[0] < near[1]) & (near[1] < FAR) & (beyond[1] < beyond[0]) & (beyond[0] < FAR)
+    crosses = meet & may_cross(tables.geometry, pair)
+    return jnp.where(differs, jnp.where(first & ~crosses, FAINT, 1), 0).astype(line.start.dtype)
+
+
+# Samples of them
+
+
+def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, Array]:
+    """Return one sample, and what it brings."""
+    tables = operands.tables
+    camera = tables.camera
+    placed = once(place)(draw)
+    line, numbers = _line(camera, placed), _numbers(draw.stream, placed.t.dtype)
+    look, lamp = _looking(plan, tables, line, numbers)
+    steps = STEPS if tables.materials.are_delta else 1
+    bracket = _bracket(tables, line, look, steps, numbers(0)[0])
+    places = jnp.stack(bracket.ends)
+    rays = jax.vmap(partial(_ray, camera, line))(places)
+    chains = lax.map(lambda ray: chain_from(tables, ray, numbers, _length(plan, tables)), rays)
+    edge = _edge(plan, tables, line, bracket, chains, lamp)
+    # Both use the same random numbers, so that equal surfaces cancel
+    light = lax.map(lambda ray: radiance(tables, ray, numbers, plan.max_depth, False), rays)
+    jump = light[1] - light[0]
+    if lamp is not None:
+        sent = sent_by(tables, jax.tree.map(lambda x: x[0], chains), lamp)
+        jump = jnp.where(edge.is_shadow, jnp.where(bracket.looks[1].lit, sent, -sent), jump)
+    # How it moves with the image point, and with all else
+    image = line.start + bracket.ends[0] * line.along
+    change = jax.tree.map(lambda x: jnp.where(edge.valid, x, 0), edge.change)
+    trail = None
+    if tables.materials.are_delta:
+        view, trail = trail_of(tables, jax.tree.map(lambda x: x[0], chains.turns), edge.event, change, image)
+    else:
+        view = view_rays(tables, image, change)
+    across, down = _slopes(camera, image, view.toward)
+    steep = jnp.where(line.along[0] > 0, across, down)
+    density = placed.density * draw.total / 2
+    seen = edge.valid & (density > 0)
+    spread = bracket.odds * safe_divide(steep, (across * across + down * down) * density)
+    weight = jnp.where(seen, jump * spread, 0)
+    pixel = jnp.where(seen, placed.bin, camera.width * camera.height)
+    anchors = []
+    for i in range(2):
+        point = edge.place.position[i], edge.place.normal[i]
+        factor = jnp.where(seen, edge.place.factor[i], 0)
+        anchors.append(surface_anchors(tables.geometry, operands.faces, edge.place.index[i], point, factor))
+    lights = LightPoints(lamp.light, lamp.omega, jnp.where(seen, edge.light, 0)) if lamp and plan.lights_move else None
+    moves = (view, trail) if plan.geometry_moves else (None, None)
+    samples = EdgeSamples(pixel[None], weight[None], lights, moves[0], tuple(anchors), moves[1])
+    return samples, jnp.sum(jnp.abs(weight))
+
+
+def _edge(plan: Plan, tables: Tables, line: Line, bracket: Bracket, chains: Chain, lamp: Lamp | None) -> Edge:
+    """Return what ends between two chains (2,)."""
+    first = jax.tree.map(lambda x: x[0], chains)
+    length = chains.met.shape[1]
+    # The first event at which they part, and whether glass has parted them before: that is no edge
+    event, flipped = jnp.int32(length), jnp.zeros((), bool)
+    for k in reversed(range(length)):
+        parts, flips = chains.met[0, k] != chains.met[1, k], chains.through[0, k] != chains.through[1, k]
+        event = jnp.where(parts, k, event)
+        flipped = jnp.where(parts, False, flips | flipped)
+    at = jnp.minimum(event, length - 1)
+    rays, met = jax.tree.map(lambda x: x[:, at], (chains.turns.ray, chains.met))
+    valid = (event < length) & jnp.all(met != ENDED)
+    is_shadow = jnp.zeros((), bool)
+    own = ASIDE + 16 * unit_roundoff(line.start) * tables.camera.width
+    margin = tuple(_ray(tables.camera, line, s) for s in (bracket.ends[0] - own, bracket.ends[1] + own))
+    beyond = tuple(
+        jax.tree.map(lambda x, y, i=i: jnp.where(event == 0, x, y[i]), ray, rays) for i, ray in enumerate(margin)
+    )
+    toward_lamp = jnp.ones((), tables.dtype)
+    if lamp is not None:
+        is_shadow = (event == length) & (bracket.looks[0].lit != bracket.looks[1].lit)
+        shadow_rays, lengths, blockers = lax.map(lambda chain: blocker(tables, chain, lamp), chains)
+        rays, met = jax.tree.map(lambda a, b: jnp.where(is_shadow, a, b), (shadow_rays, blockers), (rays, met))
+        beyond = tuple(
+            jax.tree.map(lambda x, y, i=i: jnp.where(is_shadow, y[i], x), ray, rays) for i, ray in enumerate(beyond)
+        )
+        toward_lamp = lengths[0]
+    found = once(place_between)(tables.geometry, rays, met, beyond)
+    share = jnp.where(is_shadow, safe_divide(found.distance, toward_lamp), 0)
+    change = Ray((1 - share) * found.aside, jnp.where(is_shadow, 0, found.distance) * found.aside)
+    # Outlines before the camera's own eye have samples of their own
+    valid = (is_shadow | (valid & (found.crossing | (event > 0)))) & found.valid & ~flipped & (bracket.odds > 0)
+    if not plan.geometry_moves:
+        n = 0 if tables.geometry.spheres is None else tables.geometry.spheres.radius.shape[0]
+        valid = valid & (is_shadow | jnp.any((met >= tables.first_light) & (met < n)))
+    return Edge(found, change, jnp.where(is_shadow, first.last, event - 1), share * found.aside, is_shadow, valid)
+
+
+def _slopes(camera: View, image: Array, factor: Array) -> tuple[Array, Array]:
+    """Return how factor · `toward` changes with the image point's column and row."""
+
+    def towards(x: Array, y: Array) -> Array:
+        return dot(factor, camera.toward((x, y)))
+
+    one, nothing = jnp.ones_like(image[0]), jnp.zeros_like(image[0])
+    across, down = (jax.jvp(towards, (image[0], image[1]), t)[1] for t in ((one, nothing), (nothing, one)))
+    return across, down
+
+
+def _line(camera: View, placed: Placed) -> Line:
+    """Return a line through a pixel, at a place that is spread evenly: half of them run along, half down."""
+    t = placed.t
+    along = t < 0.5
+    offset = jnp.where(along, 2 * t, 2 * t - 1)
+    corner = jnp.stack([placed.bin % camera.width, placed.bin // camera.width]).astype(t.dtype)
+    start = corner + jnp.where(along, jnp.stack([jnp.zeros_like(t), offset]), jnp.stack([offset, jnp.zeros_like(t)]))
+    return Line(start, jnp.where(along, jnp.asarray([1, 0], t.dtype), jnp.asarray([0, 1], t.dtype)))
+
+
+def _ray(camera: View, line: Line, s: Array) -> Ray:
+    image = line.start + s * line.along
+    return central_ray(camera, image[0], image[1])
+
+
+def _bracket(tables: Tables, line: Line, look: Callable[[Array], Look], steps: int, coins: Array) -> Bracket:
+    """Return a piece of a line whose ends differ: of several one by chance."""
+    dtype = coins.dtype
+    looks = lax.map(look, jnp.arange(steps + 1, dtype=dtype) / steps)
+
+    def choose(bracket: Bracket, k: Array) -> tuple[Bracket, None]:
+        """Keep what is there or take piece k, by their weights; `odds` is the sum of weights until the end."""
+        pair = tuple(jax.tree.map(lambda x, i=i: x[k + i], looks) for i in range(2))
+        ends = k.astype(dtype) / steps, (k + 1).astype(dtype) / steps
+        worth = once(partial(_interest))(tables, line, ends, pair)
+        total = bracket.odds + worth
+        share = safe_divide(worth, total)
+        taken = bracket.coins < share
+        coins = jnp.where(taken, safe_divide(bracket.coins, share), safe_divide(bracket.coins - share, 1 - share))
+        new = Bracket(ends, pair, bracket.coins, total)
+        old = Bracket(bracket.ends, bracket.looks, bracket.coins, total)
+        kept = jax.tree.map(lambda a, b: jnp.where(taken, a, b), new, old)
+        return Bracket(kept.ends, kept.looks, jnp.clip(coins, 0, 1 - 2.0**-24), total), None
+
+    start = jax.tree.map(lambda x: x[0], looks)
+    nothing = jnp.zeros_like(coins)
+    chosen, _ = lax.scan(choose, Bracket((nothing, nothing), (start, start), coins, nothing), jnp.arange(steps))
+    worth = once(partial(_interest))(tables, line, chosen.ends, chosen.looks)
+    return _halved(look, Bracket(chosen.ends, chosen.looks, chosen.coins, safe_divide(chosen.odds, worth)))
+
+
+def _halved(look: Callable[[Array], Look], bracket: Bracket) -> Bracket:
+    """Return the piece halved until its ends are close: of two differences in it, one by chance."""
+
+    def halve(_: Array, bracket: Bracket) -> Bracket:
+        (start, end), (first, last) = bracket.ends, bracket.looks
+        middle = (start + end) / 2
+        between = look(middle)
+        changes = _differs(first, between), _differs(between, last)
+        tossed, heads = changes[0] & changes[1], bracket.coins < 0.5
+        left = jnp.where(tossed, heads, changes[0])
+        ends = jnp.where(left, start, middle), jnp.where(left, middle, end)
+        looks = (
+            jax.tree.map(lambda a, b: jnp.where(left, a, b), first, between),
+            jax.tree.map(lambda a, b: jnp.where(left, a, b), between, last),
+        )
+        coins = jnp.where(tossed, 2 * bracket.coins - jnp.where(heads, 0, 1), bracket.coins)
+        return Bracket(ends, looks, coins, jnp.where(tossed, 2, 1) * bracket.odds)
+
+    return lax.fori_loop(0, HALVINGS, halve, bracket)
+
+
+def _differs(a: Look, b: Look) -> Array:
+    return (a.first != b.first) | (a.rest != b.rest) | (a.lit != b.lit)
