@@ -64,18 +64,18 @@ def place_between(geometry: Geometry, rays: Ray, met: Array, margin: tuple[Ray, 
 
     margin: a ray farther out on either side; triangles are taken to cross only if both rays there meet both.
     """
-    first, last = (jax.tree.map(lambda x, i=i: x[i], rays) for i in range(2))
+    first = jax.tree.map(lambda x: x[0], rays)
     spheres = 0 if geometry.spheres is None else geometry.spheres.radius.shape[0]
-    own = jnp.stack([distances(geometry, ray, met)[1] for ray in (first, last)])
-    wide = jnp.stack([distances(geometry, ray, met)[1] for ray in margin])
+    four = jax.tree.map(lambda x, a, b: jnp.concatenate([x, jnp.stack([a, b])]), rays, *margin)
+    whole, own = lax.map(lambda ray: distances(geometry, ray, met), four)
+    own, wide = own[:2], own[2:]
     # A sphere goes up to its outline, where curves graze it; a triangle to just before its border
     there = jnp.all(jnp.where((met < spheres)[None], own, wide) < FAR)
     crossing = there & may_cross(geometry, met)
     # What the other side's ray misses ends here; of two such the nearer
-    whole = distances(geometry, first, met)[0]
     ends_a = (met[0] >= 0) & (own[1, 0] >= FAR)
     ends_b = (met[1] >= 0) & (own[0, 1] >= FAR)
-    a_is_nearer = whole[0] <= whole[1]
+    a_is_nearer = whole[0, 0] <= whole[0, 1]
     is_a = ends_a & (a_is_nearer | ~ends_b)
     occluder = jnp.maximum(jnp.where(is_a, met[0], met[1]), 0)
     return _either(

@@ -54,15 +54,6 @@ class Lamp:
     shine: Array  # (3,) intensity over the density of the choice; of a sphere, to be multiplied by cosine/π
 
 
-@pytree
-class Look:
-    """What tells neighbouring chains apart."""
-
-    first: Array  # () int32 what the camera's ray itself meets
-    rest: Array  # () uint32 a hash of all that the chain meets
-    lit: Array  # () bool: the light's point is seen from its end
-
-
 def chain_from(tables: Tables, ray: Ray, numbers: Numbers, length: int) -> Chain:
     """Return the chain of a camera ray. numbers: of each event, from 1, as for `radiance`."""
 
@@ -126,6 +117,14 @@ def lamp_for(tables: Tables, point: Array, u: tuple[Array, Array, Array, Array])
     return Lamp(row, center + size * omega, omega, shine / jnp.where(has_size, pdf, 1))
 
 
+def lamp_middle(tables: Tables, u: tuple[Array, Array, Array, Array]) -> Lamp:
+    """Return the middle of a light, as if it were a point."""
+    assert tables.lights is not None
+    places, _, _ = casters_of(tables.lights.lights)
+    row = jnp.minimum(pick(tables.lights.pick, u[1])[0], places.shape[0] - 1)
+    return Lamp(row, places[row], jnp.zeros_like(places[row]), jnp.ones_like(places[row]))
+
+
 def blocker(tables: Tables, chain: Chain, lamp: Lamp) -> tuple[Ray, Array, Array]:
     """Return the ray from a chain's end to a light's point, its length, and what blocks it: a primitive or MISSED.
 
@@ -165,13 +164,3 @@ def _sent(tables: Tables, point: SurfacePoint, arriving: Ray, lamp: Lamp, direct
         shiny = once(evaluate)(tables.materials, point, wo, direction)[0]
         value = jnp.where(scattering.glossy, shiny, value)
     return irradiance * value
-
-
-def look_of(tables: Tables, chain: Chain, lamp: Lamp | None) -> Look:
-    """Return what tells a chain from its neighbours."""
-    mixed = jnp.zeros((), jnp.uint32)
-    for k in range(chain.met.shape[0]):
-        mixed = mixed * jnp.uint32(747796405) + chain.met[k].astype(jnp.uint32) + jnp.uint32(2891336453)
-        mixed = mixed ^ (mixed >> 15)
-    lit = jnp.zeros((), bool) if lamp is None else blocker(tables, chain, lamp)[2] == MISSED
-    return Look(chain.met[0], mixed, lit)

@@ -11,8 +11,9 @@ f₊ and f₋ the radiances on both sides, so that lines in both directions make
 count little. What is thinner than the distance of two looks may be missed.
 """
 
-from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -22,15 +23,15 @@ from jax.typing import DTypeLike
 from jaxrt.boundary.between import Place, distances, may_cross, place_between
 from jaxrt.boundary.chains import (
     ENDED,
+    MISSED,
     Chain,
     Lamp,
-    Look,
     Numbers,
     blocker,
     chain_from,
     end_of,
     lamp_for,
-    look_of,
+    lamp_middle,
     sent_by,
 )
 from jaxrt.boundary.clearance import EdgeSamples, LightPoints
@@ -72,13 +73,25 @@ class Line:
 
 
 @pytree
-class Bracket:
-    """A piece of a line whose ends differ."""
+class Look:
+    """What is seen at a place of a line."""
 
-    ends: tuple[Array, Array]  # places on the line, in [0, 1]
-    looks: tuple[Look, Look]
+    place: Array  # () on the line, in [0, 1]
+    chain: Chain
+    lit: Array  # () bool: the light's point is seen from its end
+
+
+@pytree
+class Search:
+    """A search for two neighbouring places that differ."""
+
+    lamp: Lamp | None
+    last: Look
+    ends: tuple[Look, Look]  # of the piece that is taken so far
     coins: Array  # () number in [0, 1) that further choices are made by
-    odds: Array  # () one over the probability of the choices so far; 0 if nothing differs
+    worth: Array  # () of this piece
+    total: Array  # () of all pieces so far
+    odds: Array  # () one over the probability of choices within the piece
 
 
 @pytree
@@ -159,15 +172,19 @@ def _seems_to_end(plan: Plan, tables: Tables, seed: Array, pixel: Array) -> Arra
     shift = independent(Stream(jnp.uint32(0), jnp.uint32(0), seed, jnp.uint32(1)), 0)
     corner = jnp.stack([pixel % camera.width, pixel // camera.width]).astype(dtype) + jnp.stack(shift[:2]).astype(dtype)
     numbers = _numbers(stream, dtype)
+    lamp = once(lamp_middle)(tables, numbers(0)) if _has_shadows(tables) else None
 
-    def ends(axis: Array) -> Array:
-        line = Line(corner, jnp.where(jnp.arange(2) == axis, 1, 0).astype(dtype))
-        look, _ = _looking(plan, tables, line, numbers)
-        first, last = (look(jnp.full((), s, dtype)) for s in (0, 1))
-        places = jnp.zeros_like(corner[0]), jnp.ones_like(corner[0])
-        return _interest(tables, line, places, (first, last)) >= 1
+    def look(i: Array) -> Look:
+        """Look here, one pixel to the right, or one down."""
+        return _look(plan, tables, _line(corner, i < 2), jnp.minimum(i, 1).astype(dtype), numbers, lamp)
 
-    return jnp.where(jnp.any(lax.map(ends, jnp.arange(2))), 1, 0).astype(dtype)
+    looks = lax.map(look, jnp.arange(3))
+
+    def ends(i: Array) -> Array:
+        pair = tuple(jax.tree.map(lambda x, k=k: x[k], looks) for k in (0, i))
+        return _interest(tables, _line(corner, i < 2), pair) >= 1
+
+    return jnp.where(jnp.any(lax.map(ends, jnp.arange(1, 3))), 1, 0).astype(dtype)
 
 
 def _numbers(stream: Stream, dtype: DTypeLike) -> Numbers:
@@ -178,30 +195,30 @@ def _numbers(stream: Stream, dtype: DTypeLike) -> Numbers:
     return numbers
 
 
-def _looking(plan: Plan, tables: Tables, line: Line, numbers: Numbers) -> tuple[Callable[[Array], Look], Lamp | None]:
-    """Return what looks at places of a line, and the light's point whose shadows it looks for."""
-    length = _length(plan, tables)
-
-    def chain_at(s: Array) -> Chain:
-        return chain_from(tables, _ray(tables.camera, line, s), numbers, length)
-
-    lamp = None
-    if _has_shadows(tables):
-        point, _, _ = end_of(tables, chain_at(jnp.zeros_like(line.start[0])))
-        lamp = once(lamp_for)(tables, point.position, numbers(0))
-    return lambda s: look_of(tables, chain_at(s), lamp), lamp
+def _look(plan: Plan, tables: Tables, line: Line, place: Array, numbers: Numbers, lamp: Lamp | None) -> Look:
+    """Return what is seen at a place of a line."""
+    chain = chain_from(tables, _ray(tables.camera, line, place), numbers, _length(plan, tables))
+    return Look(place, chain, _is_lit(tables, chain, lamp))
 
 
-def _interest(tables: Tables, line: Line, places: tuple[Array, Array], looks: tuple[Look, Look]) -> Array:
+def _is_lit(tables: Tables, chain: Chain, lamp: Lamp | None) -> Array:
+    return jnp.ones((), bool) if lamp is None else blocker(tables, chain, lamp)[2] == MISSED
+
+
+def _differs(a: Look, b: Look) -> Array:
+    return jnp.any(a.chain.met != b.chain.met) | (a.lit != b.lit)
+
+
+def _interest(tables: Tables, line: Line, looks: tuple[Look, Look]) -> Array:
     """Return 0 where two looks are alike, 1 where they differ by what is sampled here, FAINT where hardly so."""
-    first = looks[0].first != looks[1].first
-    differs = first | (looks[0].rest != looks[1].rest) | (looks[0].lit != looks[1].lit)
-    pair = jnp.stack([looks[0].first, looks[1].first])
-    near, beyond = (distances(tables.geometry, _ray(tables.camera, line, s), pair)[0] for s in places)
+    a, b = looks
+    pair = jnp.stack([a.chain.met[0], b.chain.met[0]])
+    rays = jax.vmap(partial(_ray, tables.camera, line))(jnp.stack([a.place, b.place]))
+    near, beyond = lax.map(lambda ray: distances(tables.geometry, ray, pair)[0], rays)
     # Do they meet in between if they go on as they are?
     meet = (near[0] < near[1]) & (near[1] < FAR) & (beyond[1] < beyond[0]) & (beyond[0] < FAR)
-    crosses = meet & may_cross(tables.geometry, pair)
-    return jnp.where(differs, jnp.where(first & ~crosses, FAINT, 1), 0).astype(line.start.dtype)
+    others = (pair[0] != pair[1]) & ~(meet & may_cross(tables.geometry, pair))
+    return jnp.where(_differs(a, b), jnp.where(others, FAINT, 1), 0).astype(line.start.dtype)
 
 
 # Samples of them
@@ -212,33 +229,31 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, 
     tables = operands.tables
     camera = tables.camera
     placed = once(place)(draw)
-    line, numbers = _line(camera, placed), _numbers(draw.stream, placed.t.dtype)
-    look, lamp = _looking(plan, tables, line, numbers)
-    steps = STEPS if tables.materials.are_delta else 1
-    bracket = _bracket(tables, line, look, steps, numbers(0)[0])
-    places = jnp.stack(bracket.ends)
-    rays = jax.vmap(partial(_ray, camera, line))(places)
-    chains = lax.map(lambda ray: chain_from(tables, ray, numbers, _length(plan, tables)), rays)
-    edge = _edge(plan, tables, line, bracket, chains, lamp)
+    line, numbers = _line_through(camera, placed), _numbers(draw.stream, placed.t.dtype)
+    search = _search(plan, tables, line, numbers)
+    looks, lamp = jax.tree.map(lambda *x: jnp.stack(x), *search.ends), search.lamp
+    edge = _edge(plan, tables, line, search, looks)
     # Both use the same random numbers, so that equal surfaces cancel
+    rays = jax.vmap(partial(_ray, camera, line))(looks.place)
     light = lax.map(lambda ray: radiance(tables, ray, numbers, plan.max_depth, False), rays)
     jump = light[1] - light[0]
     if lamp is not None:
-        sent = sent_by(tables, jax.tree.map(lambda x: x[0], chains), lamp)
-        jump = jnp.where(edge.is_shadow, jnp.where(bracket.looks[1].lit, sent, -sent), jump)
+        sent = sent_by(tables, search.ends[0].chain, lamp)
+        jump = jnp.where(edge.is_shadow, jnp.where(looks.lit[1], sent, -sent), jump)
     # How it moves with the image point, and with all else
-    image = line.start + bracket.ends[0] * line.along
+    image = line.start + looks.place[0] * line.along
     change = jax.tree.map(lambda x: jnp.where(edge.valid, x, 0), edge.change)
     trail = None
     if tables.materials.are_delta:
-        view, trail = trail_of(tables, jax.tree.map(lambda x: x[0], chains.turns), edge.event, change, image)
+        view, trail = trail_of(tables, search.ends[0].chain.turns, edge.event, change, image)
     else:
         view = view_rays(tables, image, change)
     across, down = _slopes(camera, image, view.toward)
     steep = jnp.where(line.along[0] > 0, across, down)
     density = placed.density * draw.total / 2
     seen = edge.valid & (density > 0)
-    spread = bracket.odds * safe_divide(steep, (across * across + down * down) * density)
+    odds = search.odds * safe_divide(search.total, search.worth)
+    spread = odds * safe_divide(steep, (across * across + down * down) * density)
     weight = jnp.where(seen, jump * spread, 0)
     pixel = jnp.where(seen, placed.bin, camera.width * camera.height)
     anchors = []
@@ -252,9 +267,9 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, 
     return samples, jnp.sum(jnp.abs(weight))
 
 
-def _edge(plan: Plan, tables: Tables, line: Line, bracket: Bracket, chains: Chain, lamp: Lamp | None) -> Edge:
-    """Return what ends between two chains (2,)."""
-    first = jax.tree.map(lambda x: x[0], chains)
+def _edge(plan: Plan, tables: Tables, line: Line, search: Search, looks: Look) -> Edge:
+    """Return what ends between two looks (2,)."""
+    chains, lamp = looks.chain, search.lamp
     length = chains.met.shape[1]
     # The first event at which they part, and whether glass has parted them before: that is no edge
     event, flipped = jnp.int32(length), jnp.zeros((), bool)
@@ -267,13 +282,13 @@ def _edge(plan: Plan, tables: Tables, line: Line, bracket: Bracket, chains: Chai
     valid = (event < length) & jnp.all(met != ENDED)
     is_shadow = jnp.zeros((), bool)
     own = ASIDE + 16 * unit_roundoff(line.start) * tables.camera.width
-    margin = tuple(_ray(tables.camera, line, s) for s in (bracket.ends[0] - own, bracket.ends[1] + own))
+    margin = tuple(_ray(tables.camera, line, s) for s in (looks.place[0] - own, looks.place[1] + own))
     beyond = tuple(
         jax.tree.map(lambda x, y, i=i: jnp.where(event == 0, x, y[i]), ray, rays) for i, ray in enumerate(margin)
     )
     toward_lamp = jnp.ones((), tables.dtype)
     if lamp is not None:
-        is_shadow = (event == length) & (bracket.looks[0].lit != bracket.looks[1].lit)
+        is_shadow = (event == length) & (looks.lit[0] != looks.lit[1])
         shadow_rays, lengths, blockers = lax.map(lambda chain: blocker(tables, chain, lamp), chains)
         rays, met = jax.tree.map(lambda a, b: jnp.where(is_shadow, a, b), (shadow_rays, blockers), (rays, met))
         beyond = tuple(
@@ -284,11 +299,11 @@ def _edge(plan: Plan, tables: Tables, line: Line, bracket: Bracket, chains: Chai
     share = jnp.where(is_shadow, safe_divide(found.distance, toward_lamp), 0)
     change = Ray((1 - share) * found.aside, jnp.where(is_shadow, 0, found.distance) * found.aside)
     # Outlines before the camera's own eye have samples of their own
-    valid = (is_shadow | (valid & (found.crossing | (event > 0)))) & found.valid & ~flipped & (bracket.odds > 0)
+    valid = (is_shadow | (valid & (found.crossing | (event > 0)))) & found.valid & ~flipped & (search.worth > 0)
     if not plan.geometry_moves:
         n = 0 if tables.geometry.spheres is None else tables.geometry.spheres.radius.shape[0]
         valid = valid & (is_shadow | jnp.any((met >= tables.first_light) & (met < n)))
-    return Edge(found, change, jnp.where(is_shadow, first.last, event - 1), share * found.aside, is_shadow, valid)
+    return Edge(found, change, jnp.where(is_shadow, chains.last[0], event - 1), share * found.aside, is_shadow, valid)
 
 
 def _slopes(camera: View, image: Array, factor: Array) -> tuple[Array, Array]:
@@ -302,14 +317,18 @@ def _slopes(camera: View, image: Array, factor: Array) -> tuple[Array, Array]:
     return across, down
 
 
-def _line(camera: View, placed: Placed) -> Line:
+def _line(start: Array, across: Array) -> Line:
+    one, nothing = jnp.ones_like(start[0]), jnp.zeros_like(start[0])
+    return Line(start, jnp.where(across, jnp.stack([one, nothing]), jnp.stack([nothing, one])))
+
+
+def _line_through(camera: View, placed: Placed) -> Line:
     """Return a line through a pixel, at a place that is spread evenly: half of them run along, half down."""
     t = placed.t
-    along = t < 0.5
-    offset = jnp.where(along, 2 * t, 2 * t - 1)
+    across = t < 0.5
+    offset, nothing = jnp.where(across, 2 * t, 2 * t - 1), jnp.zeros_like(t)
     corner = jnp.stack([placed.bin % camera.width, placed.bin // camera.width]).astype(t.dtype)
-    start = corner + jnp.where(along, jnp.stack([jnp.zeros_like(t), offset]), jnp.stack([offset, jnp.zeros_like(t)]))
-    return Line(start, jnp.where(along, jnp.asarray([1, 0], t.dtype), jnp.asarray([0, 1], t.dtype)))
+    return _line(corner + jnp.where(across, jnp.stack([nothing, offset]), jnp.stack([offset, nothing])), across)
 
 
 def _ray(camera: View, line: Line, s: Array) -> Ray:
@@ -317,52 +336,56 @@ def _ray(camera: View, line: Line, s: Array) -> Ray:
     return central_ray(camera, image[0], image[1])
 
 
-def _bracket(tables: Tables, line: Line, look: Callable[[Array], Look], steps: int, coins: Array) -> Bracket:
-    """Return a piece of a line whose ends differ: of several one by chance."""
-    dtype = coins.dtype
-    looks = lax.map(look, jnp.arange(steps + 1, dtype=dtype) / steps)
+def _search(plan: Plan, tables: Tables, line: Line, numbers: Numbers) -> Search:
+    """Return two places of a line that differ and are close: of several such pairs one by chance."""
+    coins = numbers(0)[0]
+    steps = STEPS if tables.materials.are_delta else 1
 
-    def choose(bracket: Bracket, k: Array) -> tuple[Bracket, None]:
-        """Keep what is there or take piece k, by their weights; `odds` is the sum of weights until the end."""
-        pair = tuple(jax.tree.map(lambda x, i=i: x[k + i], looks) for i in range(2))
-        ends = k.astype(dtype) / steps, (k + 1).astype(dtype) / steps
-        worth = once(partial(_interest))(tables, line, ends, pair)
-        total = bracket.odds + worth
-        share = safe_divide(worth, total)
-        taken = bracket.coins < share
-        coins = jnp.where(taken, safe_divide(bracket.coins, share), safe_divide(bracket.coins - share, 1 - share))
-        new = Bracket(ends, pair, bracket.coins, total)
-        old = Bracket(bracket.ends, bracket.looks, bracket.coins, total)
-        kept = jax.tree.map(lambda a, b: jnp.where(taken, a, b), new, old)
-        return Bracket(kept.ends, kept.looks, jnp.clip(coins, 0, 1 - 2.0**-24), total), None
+    def step(i: Array, search: Search) -> Search:
+        scanned = i <= steps
+        low, high = (look.place for look in search.ends)
+        place = jnp.where(scanned, i.astype(coins.dtype) / steps, (low + high) / 2)
+        look = _look(plan, tables, line, place, numbers, None)
+        lamp = search.lamp
+        if lamp is not None:
+            end = end_of(tables, look.chain)[0].position
+            lamp = _where(i == 0, once(lamp_for)(tables, end, numbers(0)), lamp)
+            look = replace(look, lit=_is_lit(tables, look.chain, lamp))
+        new = _where(scanned, _chosen(tables, line, search, look, i > 0), _halved(search, look))
+        return replace(new, lamp=lamp)
 
-    start = jax.tree.map(lambda x: x[0], looks)
-    nothing = jnp.zeros_like(coins)
-    chosen, _ = lax.scan(choose, Bracket((nothing, nothing), (start, start), coins, nothing), jnp.arange(steps))
-    worth = once(partial(_interest))(tables, line, chosen.ends, chosen.looks)
-    return _halved(look, Bracket(chosen.ends, chosen.looks, chosen.coins, safe_divide(chosen.odds, worth)))
+    def blank() -> Search:
+        look = _look(plan, tables, line, coins, numbers, None)
+        lamp = lamp_for(tables, look.chain.weight, numbers(0)) if _has_shadows(tables) else None
+        return Search(lamp, look, (look, look), coins, coins, coins, coins)
 
-
-def _halved(look: Callable[[Array], Look], bracket: Bracket) -> Bracket:
-    """Return the piece halved until its ends are close: of two differences in it, one by chance."""
-
-    def halve(_: Array, bracket: Bracket) -> Bracket:
-        (start, end), (first, last) = bracket.ends, bracket.looks
-        middle = (start + end) / 2
-        between = look(middle)
-        changes = _differs(first, between), _differs(between, last)
-        tossed, heads = changes[0] & changes[1], bracket.coins < 0.5
-        left = jnp.where(tossed, heads, changes[0])
-        ends = jnp.where(left, start, middle), jnp.where(left, middle, end)
-        looks = (
-            jax.tree.map(lambda a, b: jnp.where(left, a, b), first, between),
-            jax.tree.map(lambda a, b: jnp.where(left, a, b), between, last),
-        )
-        coins = jnp.where(tossed, 2 * bracket.coins - jnp.where(heads, 0, 1), bracket.coins)
-        return Bracket(ends, looks, coins, jnp.where(tossed, 2, 1) * bracket.odds)
-
-    return lax.fori_loop(0, HALVINGS, halve, bracket)
+    nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(blank))
+    start = replace(nothing, coins=coins, odds=jnp.ones_like(coins))
+    return lax.fori_loop(0, 1 + steps + HALVINGS, step, start)
 
 
-def _differs(a: Look, b: Look) -> Array:
-    return (a.first != b.first) | (a.rest != b.rest) | (a.lit != b.lit)
+def _chosen(tables: Tables, line: Line, search: Search, look: Look, is_second: Array) -> Search:
+    """Return the search with the piece from the last look to this one taken or left, by their worth."""
+    worth = jnp.where(is_second, once(_interest)(tables, line, (search.last, look)), 0)
+    total = search.total + worth
+    share = safe_divide(worth, total)
+    taken = search.coins < share
+    coins = jnp.where(taken, safe_divide(search.coins, share), safe_divide(search.coins - share, 1 - share))
+    ends = _where(taken, (search.last, look), search.ends)
+    coins = jnp.clip(coins, 0, 1 - 2.0**-24)
+    return Search(search.lamp, look, ends, coins, jnp.where(taken, worth, search.worth), total, search.odds)
+
+
+def _halved(search: Search, look: Look) -> Search:
+    """Return the search with the half that differs: of two such one by chance."""
+    first, last = search.ends
+    changes = _differs(first, look), _differs(look, last)
+    tossed, heads = changes[0] & changes[1], search.coins < 0.5
+    left = jnp.where(tossed, heads, changes[0])
+    coins = jnp.where(tossed, 2 * search.coins - jnp.where(heads, 0, 1), search.coins)
+    ends = _where(left, first, look), _where(left, look, last)
+    return replace(search, ends=ends, coins=coins, odds=jnp.where(tossed, 2, 1) * search.odds)
+
+
+def _where(use: Array, new: Any, old: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(use, a, b), new, old)
