@@ -17,7 +17,7 @@ import jaxrt
 from jaxrt.boundary import clearance_of, edge_tangent
 from jaxrt.boundary.bounced import bounced_edges
 from jaxrt.boundary.clearance import EdgeSamples
-from jaxrt.boundary.trail import Turn, central_ray, trail_of
+from jaxrt.boundary.trail import Turn, central_ray, path_through, trail_of
 from jaxrt.core.records import Hit, Ray
 from jaxrt.materials import scatter
 from jaxrt.shapes import find, leave, surface_point
@@ -183,14 +183,13 @@ def turns_of(scene, image, numbers, hits=None):
     return ray, turns
 
 
-@pytest.mark.parametrize("image", [(5.5, 9.0), (11.0, 8.0), (8.0, 14.0)], ids=["ball", "box", "floor"])
-def test_a_trail_is_what_forward_derivatives_find(image):
-    scene, image = still_life(), jnp.asarray(image, jnp.float32)
-    numbers = [(jnp.float32(0.3), jnp.float32(0.4)), (jnp.float32(0.7), jnp.float32(0.6))]
+def check_trail(scene, image, numbers, names):
+    """Compare the factors of a path's last ray, pulled back, with forward derivatives."""
+    image, last = jnp.asarray(image, jnp.float32), len(numbers) - 1
     _, turns = turns_of(scene, image, numbers)
     rng = np.random.default_rng(3)
     factors = Ray(*jnp.asarray(rng.normal(size=(2, 3)), jnp.float32))
-    view, trail = trail_of(tables_of(scene), jax.tree.map(lambda *x: jnp.stack(x), *turns), 1, factors, image)
+    view, trail = trail_of(tables_of(scene), jax.tree.map(lambda *x: jnp.stack(x), *turns), last, factors, image)
     one = partial(jax.tree.map, lambda x: x[None])
     samples = EdgeSamples(jnp.zeros((1, 1), jnp.int32), jnp.zeros((1, 1, 3)), None, one(view), (), one(trail))
 
@@ -201,9 +200,69 @@ def test_a_trail_is_what_forward_derivatives_find(image):
     def linear(values):
         return clearance_of(jaxrt.with_parameters(scene, values), samples)[0]
 
-    start = values_of(scene)
-    for name in NAMES:
+    start = {name: jaxrt.parameters(scene)[name] for name in names}
+    slopes = [jax.jit(lambda change, f=f: jax.jvp(f, (start,), (change,))[1]) for f in (moved, linear)]
+    for name in names:
         direction = jnp.asarray(rng.normal(size=start[name].shape), jnp.float32)
         change = {k: direction if k == name else jnp.zeros_like(v) for k, v in start.items()}
-        expected, found = (jax.jvp(f, (start,), (change,))[1] for f in (moved, linear))
+        expected, found = (along(change) for along in slopes)
         assert float(found) == pytest.approx(float(expected), rel=1e-3, abs=1e-4), name
+    return turns
+
+
+@pytest.mark.parametrize("image", [(5.5, 9.0), (11.0, 8.0), (8.0, 14.0)], ids=["ball", "box", "floor"])
+def test_a_trail_is_what_forward_derivatives_find(image):
+    numbers = [(jnp.float32(0.3), jnp.float32(0.4)), (jnp.float32(0.7), jnp.float32(0.6))]
+    check_trail(still_life(), image, numbers, NAMES)
+
+
+@cache
+def glass_and_mirrors():
+    """Return a ball of heavy glass, behind one that nothing sees, over a floor and between mirrors."""
+    return jaxrt.build(
+        {
+            "camera": dict(position=[0, 1.2, 5], target=[0, 1, 0], fov=40, width=16, height=16),
+            "materials": {
+                "white": {"type": "diffuse", "albedo": [0.7, 0.7, 0.7]},
+                "mirror": {"type": "mirror", "albedo": [0.9, 0.8, 0.7]},
+                "water": {"type": "glass", "ior": 1.33},
+                "flint": {"type": "glass", "ior": 1.7},
+            },
+            "spheres": [
+                {"center": [0, 1, 0], "radius": 0.9, "material": "flint"},
+                {"center": [40, 1, 0], "radius": 0.9, "material": "water"},
+                {"center": [0.4, 1.2, -4], "radius": 1.6, "material": "mirror"},
+            ],
+            "triangles": quad([-9, 0, -9], [18, 0, 0], [0, 0, 18], "white")
+            + quad([-9, 0, 8], [18, 0, 0], [0, 9, 0], "mirror"),
+            "environment": {"radiance": [1, 1, 1]},
+        }
+    )
+
+
+BENDING = ("camera.position", "camera.fov", "materials.ior", "meshes.vertices", "spheres.center", "spheres.radius")
+THROUGH = 1 - 2.0**-24  # glass's number that lets light through, 0 the one that reflects it
+
+
+def test_a_trail_turns_in_glass_and_mirrors():
+    """Through the ball, off the mirror behind it, and on from the floor."""
+    numbers = [(jnp.float32(u), jnp.float32(0.6)) for u in (THROUGH, THROUGH, 0.5, 0.3)]
+    turns = check_trail(glass_and_mirrors(), (9.5, 7.0), numbers, BENDING)
+    assert [int(turn.index) for turn in turns] == [0, 0, 2, 3]
+
+
+def test_a_path_through_glass_and_mirrors_has_its_numbers():
+    """The events of a path are told from its places alone."""
+    scene = glass_and_mirrors()
+    lobes = [THROUGH, 0, THROUGH, 0.5]
+    numbers = [(jnp.float32(u), jnp.float32(0.6)) for u in lobes]
+    ray, turns = turns_of(scene, jnp.asarray([9.5, 7.0]), numbers)
+    tables, known = tables_of(scene), jnp.ones((), bool)
+    points = [surface_point(tables.geometry, turn.ray, Hit(turn.index, known)).position for turn in turns]
+    points = jnp.stack([*points, ray.origin + ray.direction])
+    index = jnp.stack([*(turn.index for turn in turns), jnp.int32(0)])
+    found = path_through(tables, points, index)
+    np.testing.assert_allclose(found.ray.direction[:4], [turn.ray.direction for turn in turns], atol=1e-5)
+    specular = np.asarray(index[:4]) == 0
+    assert specular.sum() >= 3
+    np.testing.assert_array_equal(np.asarray(found.numbers[0][:4])[specular], np.asarray(lobes)[specular])

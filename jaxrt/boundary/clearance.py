@@ -21,8 +21,9 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.cameras import view_of
-from jaxrt.core.pytree import pytree
+from jaxrt.core.pytree import dtype_of, pytree
 from jaxrt.lights import Lights, casters_of
+from jaxrt.materials import Materials
 from jaxrt.scene import Scene
 from jaxrt.shapes.smooth import corner_normals
 
@@ -60,6 +61,14 @@ class Anchors:
 
 
 @pytree
+class Bends:
+    """The materials by whose parameters paths turn, and the factors in F of these."""
+
+    row: Array  # (m, k) int32 among the scene's materials
+    factors: dict[str, Array]  # (m, k, …) by kind and field, as "glass.ior"; 0 where the material is of another kind
+
+
+@pytree
 class Trail:
     """The surfaces on which paths from the camera turn, and the factors in F of what places each of them."""
 
@@ -68,6 +77,7 @@ class Trail:
     radius: Array | None  # (m, k)
     corners: Array | None  # (m, k, 3, 3); None in scenes without triangles
     normals: Array | None  # (m, k, 3, 3) of the corners; None in scenes without smooth meshes
+    bends: Bends | None  # None in scenes without materials that bend light
 
 
 @pytree
@@ -135,7 +145,20 @@ def _trail_part(scene: Scene, trail: Trail) -> Array:
             assert scene.triangles.smooth is not None
             normals = corner_normals(corners, scene.triangles.smooth)
             total += jnp.sum(trail.normals * normals[row].reshape(trail.normals.shape), (-2, -1))
-    return jnp.sum(total, -1)
+    return jnp.sum(total if trail.bends is None else total + _bent_part(scene.materials, trail.bends), -1)
+
+
+def _bent_part(materials: Materials, bends: Bends) -> Array:
+    """Return what each event's material contributes."""
+    total, first = jnp.zeros(bends.row.shape, dtype_of(bends)), 0
+    for kind, n in zip(materials.kinds, materials.counts, strict=True):
+        for field in kind.kind.parameters:
+            factor = bends.factors.get(f"{kind.kind.name}.{field}")
+            if factor is not None:
+                values = _rows(getattr(kind, field).reshape(n, -1), jnp.clip(bends.row.ravel() - first, 0, n - 1))
+                total += jnp.sum(factor * values.reshape(factor.shape), tuple(range(2, factor.ndim)))
+        first += n
+    return total
 
 
 def _spheres_count(scene: Scene) -> int:

@@ -35,7 +35,9 @@ def _moving_edges_jvp(plan: boundary.Plan, primals: tuple[Scene, Array], tangent
     ]
     parts = [name.split(".") for name in names]
     lights_move = any(first == "lights" and last in {"position", "radius"} for first, *_, last in parts)
-    geometry_moves = any(first in {"camera", "spheres", "triangles"} for first, *_ in parts)
+    # What bends light moves all that is seen through it
+    bends = any(first == "materials" and tuple(rest) in scene.materials.bends for first, *rest in parts)
+    geometry_moves = bends or any(first in {"camera", "spheres", "triangles"} for first, *_ in parts)
     if not (lights_move or geometry_moves):
         return nothing, jnp.zeros_like(nothing)
     plan = plan._replace(lights_move=lights_move, geometry_moves=geometry_moves)

@@ -12,14 +12,14 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.boundary.clearance import Trail, ViewRays
+from jaxrt.boundary.clearance import Bends, Trail, ViewRays
 from jaxrt.cameras import View
 from jaxrt.core.maths import dot, face_forward, grad_only, normalize, safe_sqrt
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.core.sampling import numbers_of_direction
 from jaxrt.kernels.native import once
-from jaxrt.materials import Materials, scatter
+from jaxrt.materials import Materials, scatter, single
 from jaxrt.shapes import Geometry, leave, surface_point
 from jaxrt.shapes.sphere import SphereTable
 from jaxrt.shapes.triangle import corner_table
@@ -51,24 +51,27 @@ def pull_ray(geometry: Geometry, materials: Materials, turn: Turn, change: Ray) 
     change: (3,) factors of origin and direction.
     """
     shape = once(_shape)(geometry, turn.index)
-    at_point, at_direction = once(_pull_onward)(geometry, materials, shape, turn, change)
+    at_point, at_direction, bends = once(_pull_onward)(geometry, materials, shape, turn, change)
     factors, before = once(_pull_point)(geometry, shape, turn, at_point)
-    trail = Trail(turn.index, factors.center, factors.radius, factors.corners, factors.normals)
+    trail = Trail(turn.index, factors.center, factors.radius, factors.corners, factors.normals, bends)
     return trail, Ray(before.origin, before.direction + at_direction)
 
 
 def _pull_onward(
     geometry: Geometry, materials: Materials, shape: _Shape, turn: Turn, change: Ray
-) -> tuple[SurfacePoint, Array]:
-    """Return the factors of the point, and of the direction that arrives, in those of the ray that leaves."""
+) -> tuple[SurfacePoint, Array, Bends | None]:
+    """Return the factors of the point, the direction that arrives and the material in those of the ray that leaves."""
     there = _point(geometry, turn.index, shape, turn.ray)
+    own, row = single(materials, there.material)
 
-    def onward(point: SurfacePoint, arriving: Array) -> Ray:
-        marked = replace(point, material=there.material)
-        return leave(point, scatter(materials, marked, -arriving, turn.numbers).direction)
+    def onward(point: SurfacePoint, arriving: Array, own: Materials) -> Ray:
+        return leave(point, scatter(own, replace(point, material=row), -arriving, turn.numbers).direction)
 
-    factors: tuple[SurfacePoint, Array] = jax.vjp(onward, _unmarked(there), turn.ray.direction)[1](change)
-    return factors
+    at_point, at_direction, at_material = jax.vjp(onward, _unmarked(there), turn.ray.direction, own)[1](change)
+    if not materials.bends:
+        return at_point, at_direction, None
+    factors = {f"{kind}.{field}": getattr(getattr(at_material, kind), field)[0] for kind, field in materials.bends}
+    return at_point, at_direction, Bends(there.material, factors)
 
 
 def _pull_point(geometry: Geometry, shape: _Shape, turn: Turn, change: SurfacePoint) -> tuple[_Shape, Ray]:
@@ -163,7 +166,7 @@ def _turn(tables: Tables, source: Array, place: Array, index: Array, beyond: Arr
     point = surface_point(tables.geometry, ray, Hit(index, jnp.ones((), bool)))
     u0, u1 = numbers_of_direction(face_forward(point.shading, -ray.direction), onward)
     # Glass reflects for small numbers
-    diffuse = point.material < tables.materials.counts[0]
+    diffuse = point.material < tables.materials.ends[0]
     back = dot(point.shading, ray.direction) * dot(point.shading, onward) < 0
     return Turn(ray, index, (jnp.where(diffuse, u0, jnp.where(back, 0, 1 - 2.0**-24)), u1))
 

@@ -19,7 +19,7 @@ from jaxrt.core.records import SurfacePoint
 from jaxrt.description.kinds import MATERIALS
 from jaxrt.kernels.gather import take
 
-__all__ = ["Materials", "Scattering", "evaluate", "scatter"]
+__all__ = ["Materials", "Scattering", "evaluate", "scatter", "single"]
 
 MATERIALS.load("diffuse", "mirror", "glass")  # one file each, numbered in this order
 
@@ -69,6 +69,14 @@ class Materials:
     def are_glossy(self) -> bool:
         """Whether any is neither lambertian nor of single directions."""
         return any(not (kind.is_delta or kind.is_lambertian) for kind in self.kinds)
+
+    @property
+    def bends(self) -> tuple[tuple[str, str], ...]:
+        """Kinds of single directions, and the fields of theirs on which the directions may depend."""
+        delta = [kind.kind for kind in self.kinds if kind.is_delta]
+        return tuple(
+            (kind.name, field) for kind in delta for field, measure in kind.parameters.items() if not measure.tints
+        )
 
 
 def _group(name: str) -> int:
@@ -146,6 +154,15 @@ def _row(kind: Any, row: Array, first: int, end: int) -> Any:
     """Return the kind's one material of that row, or any of its own where the row is of another kind."""
     i = jnp.clip(row - first if first else row, 0, end - first - 1)
     return jax.tree.map(lambda leaf: take(leaf, i), kind)
+
+
+def single(materials: Materials, row: Array) -> tuple[Materials, Array]:
+    """Return one material of each kind, that of a row among them, and its row there."""
+    kinds, now, first = {}, jnp.zeros_like(row), 0
+    for kind, end in zip(materials.kinds, accumulate(materials.counts), strict=True):
+        kinds[kind.kind.name] = jax.tree.map(lambda leaf: leaf[None], _row(kind, row, first, end))
+        now, first = now + jnp.where(row >= end, 1, 0).astype(row.dtype), end
+    return Materials.of(**kinds), now
 
 
 def _within(row: Array, first: int, end: int) -> Array:
