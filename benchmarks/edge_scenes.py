@@ -274,9 +274,7 @@ def crossing_rows() -> list[Row]:
     ]
     rows += [Row(f"room of balls, camera {k}", "room of balls", "camera.position", k, 0.03, 0.5) for k in "xy"]
     rows += [Row("room of balls, fov", "room of balls", "camera.fov", "one", 0.03, 0.5)]
-    return rows + [
-        Row(f"two boxes that overlap, {k}", "two boxes", "meshes.vertices[first]", k, 0.03) for k in "xy"
-    ]
+    return rows + [Row(f"two boxes that overlap, {k}", "two boxes", "meshes.vertices[first]", k, 0.03) for k in "xy"]
 
 
 def chain_rows() -> list[Row]:
