@@ -22,7 +22,7 @@ from benchmarks.edge_scenes import SCENES, Row, built, direction
 from jaxrt.core.writing import write_whole
 
 SPP = 64  # of the estimate
-FD_SPP, FD_BATCH, FD_FIRST = 4096, 4, 100_000  # of the finite differences: samples a pixel, keys at a time, first key
+FD_BATCH, FD_FIRST = 4, 100_000  # keys of the finite differences: so many at a time, and the first
 INTERIOR_SPP, INTERIOR_SEEDS = 1024, 4
 WIDTH = 1 / 8  # of a functional's Gaussian, in pictures
 # 1 − (r/h)² is the light of a white plane under a black ball
@@ -87,13 +87,13 @@ def view(row: Row, scene: jaxrt.Scene, key: Any, spp: int, boundary_samples: int
 def _drawn(row: Row) -> Callable[..., Array]:
     """Return the program (values of all parameters, key) -> picture that finite differences are of."""
     scene = built(row)
-    return jax.jit(lambda values, key: view(row, jaxrt.with_parameters(scene, values), key, FD_SPP))
+    return jax.jit(lambda values, key: view(row, jaxrt.with_parameters(scene, values), key, row.fd_spp))
 
 
 def difference(row: Row, step: float, key: int) -> np.ndarray:
     """Return the functionals' central difference, both pictures drawn with the same random numbers."""
     scene = built(row)
-    program = _drawn(Row("", row.scene, "", "", 0, depth=row.depth, less=row.less, size=row.size))
+    program = _drawn(row._replace(name="", parameter="", motion="", bound=0, step=0, samples=0, seeds=0))
     value, along = jaxrt.parameters(scene, row.parameter), direction(row, scene)
     ends = [
         bumps(program(jaxrt.parameters(jaxrt.with_parameters(scene, {row.parameter: value + h * along})), key))
@@ -172,7 +172,7 @@ class References:
 def _digest(row: Row) -> str:
     """Return a name of all that finite differences depend on, besides jaxrt."""
     along = np.asarray(direction(row, built(row)), float).round(6).tolist()
-    of = [SCENES[row.scene], row.parameter, along, row.step, row.depth, row.less, row.size, FD_SPP, WIDTH]
+    of = [SCENES[row.scene], row.parameter, along, row.step, row.depth, row.less, row.size, row.fd_spp, WIDTH]
     return hashlib.sha256(json.dumps(of).encode()).hexdigest()[:24]
 
 

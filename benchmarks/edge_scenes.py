@@ -224,6 +224,7 @@ class Row(NamedTuple):
     size: int = 48
     samples: int = 16  # boundary samples a pixel
     seeds: int = 4  # at least
+    fd_spp: int = 4096  # of the finite differences: more where light is found by chance
 
 
 MOTIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
@@ -282,15 +283,17 @@ def chain_rows() -> list[Row]:
     ball = "spheres.center[ball]"
     name = "ball in a corner, indirect part, depth 3"
     rows = [Row(f"{name}, {k}", "ball in a corner", ball, k, 0.05, 0.05, 3, less=1) for k in "xy"]
-    for thing, parameter in (("ball", ball), ("light", "lights.position[0]"), ("camera", "camera.position")):
-        rows += [Row(f"mirror ball, {thing} x", "mirror ball", parameter, "x", 0.05, 0.03, 2)]
+    far, chance = 0.1, 16384
     return rows + [
+        Row("mirror ball, ball x", "mirror ball", ball, "x", 0.05, 0.05, 2, fd_spp=chance),
+        Row("mirror ball, light x", "mirror ball", "lights.position[0]", "x", 0.05, far, 2, fd_spp=chance),
+        Row("mirror ball, camera x", "mirror ball", "camera.position", "x", 0.05, far, 2, fd_spp=chance),
         Row("flat mirror, ball x", "flat mirror", ball, "x", 0.05, 0.03, 3),
         Row("flat mirror, ball radius", "flat mirror", "spheres.radius[ball]", "one", 0.05, 0.03, 3),
         Row("flat mirror, camera x", "flat mirror", "camera.position", "x", 0.05, 0.03, 3),
-        Row("glass ball, ball x", "glass ball", ball, "x", 0.05, 0.03, 4),
-        Row("glass ball, light x", "glass ball", "lights.position[0]", "x", 0.05, 0.05, 4),
-        Row("glass ball, ior", "glass ball", "materials.ior[0]", "one", 0.1, 0.03, 4),
+        Row("glass ball, ball x", "glass ball", ball, "x", 0.05, 0.05, 4, fd_spp=chance),
+        Row("glass ball, light x", "glass ball", "lights.position[0]", "x", 0.05, far, 4, fd_spp=chance),
+        Row("glass ball, ior", "glass ball", "materials.ior[0]", "one", 0.1, 0.03, 4, fd_spp=chance),
     ]
 
 
@@ -325,8 +328,10 @@ def other_rows() -> list[Row]:
     rows = []
     for name, (bound, depth, moves) in OTHERS.items():
         for parameter, motion in [*moves, ("lights.position[0]", "x"), ("camera.position", "x")]:
-            title = f"{name}, {parameter} {motion}"
-            rows.append(Row(title, name, parameter, motion, bound, 0.03, depth, size=40, samples=4, seeds=16))
+            title, chance = f"{name}, {parameter} {motion}", depth > 2
+            step = 0.06 if chance and not parameter.startswith("materials") else 0.03
+            row = Row(title, name, parameter, motion, bound, step, depth, size=40, samples=4, seeds=16)
+            rows.append(row._replace(fd_spp=16384 if chance else row.fd_spp))
     return rows
 
 
