@@ -1,273 +1,87 @@
-"""Derivatives of moving shadows and outlines against finite differences, with and without the edge terms.
+"""Derivatives of everything that moves an edge against finite differences, each beside its bound.
 
-    python -m benchmarks.edges [--output docs/derivatives] [--peer-python PATH]
+    python -m benchmarks.edges [--rows NAME...] [--list] [--references FILE [--prepare]]
+    python -m benchmarks.edges --tables [--output docs/derivatives.png] [--peer-python PATH]
+    python -m benchmarks.edges --cost
 
-Two errors are printed, both relative L2 distances to finite differences: of the derivative picture averaged over 4×4
-pixels, and of 16 smooth functionals. `noise` is half the distance of two independent finite differences: no error can
-be seen below it. Draws the derivative pictures: finite differences, without edges, with edges.
+Prints a row for each: the error, what of it can be noise, its bound, and the error without edges. `--references` keeps
+finite differences in a file, so that only estimates are made anew; `--prepare` makes these and no more. `--tables`:
+moving shadows and outlines by the number of samples, beside Mitsuba, and the pictures. `--cost`: gradients in renders.
+Without `--rows` come besides what must not change: pictures, and programs of derivatives that move nothing of the kind.
+Exit status 1 where something does not hold.
 """
 
 import argparse
-import json
-import subprocess
 import sys
-import tomllib
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
-import numpy as np
-from jax import Array
+from rich.console import Console
+from rich.live import Live
 from rich.table import Table
 
-import jaxrt
-from benchmarks.processes import HERE, cpu_model, find_peer, wide_console
-from jaxrt.core.writing import write_whole
+from benchmarks import edge_cost, edge_same, edge_tables
+from benchmarks.edge_rows import References, Result, measure
+from benchmarks.edge_scenes import Row, rows
+from benchmarks.processes import cpu_model, wide_console
 
-SCENE = "scenes/shadows.toml"
-SAMPLES = (1024, 4096, 16384)
-SPP = 256  # of the derivative inside of edges
-KEYS = (1000, 2000)  # of the finite differences
-BOX = slice(6, 42)  # vertices of the box: the floor's two triangles come first
-Changes = dict[str, Any]
+COLUMNS = ("d/d", "error", "own noise", "FD noise", "FD step", "bound", "seeds", "FD keys", "interior", "")
 
 
-class Case(NamedTuple):
-    """One row of the table."""
-
-    table: str
-    name: str
-    scene: str  # "point", "huge", "sphere", "ball and sky" or "box and sky"
-    changes: Changes  # direction in parameter space
-    step: float
-    absolute: bool = False  # the derivative is nearly 0: errors are relative to the one in the row above
-    depth: int = 1
-
-
-class Errors(NamedTuple):
-    """How far a derivative picture is from finite differences."""
-
-    cells: float
-    bumps: float
-
-    def __str__(self) -> str:
-        return f"{self.cells:.3f}/{self.bumps:.4f}"
-
-
-def scene_of(kind: str) -> jaxrt.Scene:
-    """Return the scene with a point light, on a huge sphere for a floor, or under a sphere light."""
-    description = tomllib.loads(Path(SCENE).read_text())
-    if kind in {"ball and sky", "box and sky"}:
-        return jaxrt.build(under_the_sky(kind == "box and sky"))
-    if kind == "sphere":
-        description["lights"][0]["radius"] = 0.5
-    if kind == "huge":
-        description["triangles"] = description["triangles"][2:]
-        description["spheres"].append({"center": [0, -1000, 0], "radius": 1000, "material": "white"})
-    return jaxrt.build(description)
-
-
-def under_the_sky(with_box: bool) -> dict[str, Any]:
-    """Return a ball, or a turned box, over a floor under a constant sky."""
-    description: dict[str, Any] = {
-        "camera": {"position": [0, 3, 6], "target": [0, 0.5, 0], "fov": 45, "width": 64, "height": 64},
-        "materials": {"grey": {"type": "diffuse", "albedo": [0.6, 0.6, 0.6]}},
-        "environment": {"radiance": [1, 1, 1]},
-        "spheres": [{"center": [0, -1000, 0], "radius": 1000, "material": "grey"}],
-    }
-    if not with_box:
-        description["spheres"].insert(0, {"center": [0, 1, 0], "radius": 0.7, "material": "grey"})
-        return description
-    corners = 0.5 * np.asarray([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = [face for a, b, c, d in sides for face in ([a, b, c], [a, c, d])]
-    box = {"vertices": corners.tolist(), "faces": faces, "material": "grey", "rotate": [20, 30, 0]}
-    description["meshes"] = [box | {"translate": [0, 1.2, 0]}]
-    return description
-
-
-def cases() -> list[Case]:
-    """Return the rows of the tables."""
-    axes = dict(zip("xyz", np.eye(3), strict=True))
-    vertices = np.zeros((scene_of("point").triangles.vertices.shape[0], 3))
-    lifted, corner = vertices.copy(), vertices.copy()
-    lifted[BOX, 1] = 1
-    corner[_same_corner(), 1] = 1
-    wider = {"lights.radius": np.ones(1), "lights.intensity": np.full((1, 3), 2 * 30 / 0.5)}
-    rows = [Case("A", f"light {k}", "point", {"lights.position": v[None]}, 0.02) for k, v in axes.items()]
-    rows += [Case("A", "light x, floor of radius 1000", "huge", {"lights.position": axes["x"][None]}, 0.02)]
-    rows += [Case("B", f"light {k}", "sphere", {"lights.position": v[None]}, 0.03) for k, v in axes.items()]
-    rows += [Case("B", "radius, radiance fixed", "sphere", wider, 0.03)]
-    rows += [Case("B", "radius, intensity fixed", "sphere", {"lights.radius": np.ones(1)}, 0.03, absolute=True)]
-    rows += [Case("C", f"ball {k}", "point", {"spheres.center": axes[k][None]}, 0.02) for k in "xz"]
-    rows += [Case("C", "ball radius", "point", {"spheres.radius": np.ones(1)}, 0.02)]
-    rows += [Case("C", "box y", "point", {"meshes.vertices": lifted}, 0.02)]
-    rows += [Case("C", "one vertex y", "point", {"meshes.vertices": corner}, 0.02)]
-    rows += [Case("C", "camera x", "point", {"camera.position": axes["x"]}, 0.02)]
-    up, aside, box = np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((8, 3))
-    up[0, 1], aside[0, 0], box[:, 1] = 1, 1, 1
-    for depth in (1, 2):
-        rows += [
-            Case("D", f"ball y, sky, depth {depth}", "ball and sky", {"spheres.center": up}, 0.02, depth=depth),
-            Case("D", f"ball x, sky, depth {depth}", "ball and sky", {"spheres.center": aside}, 0.02, depth=depth),
-        ]
-    rows += [Case("D", "box y, sky, depth 1", "box and sky", {"meshes.vertices": box}, 0.02)]
-    return [*rows, Case("D", "ball x, lamp, depth 3", "point", {"spheres.center": axes["x"][None]}, 0.02, depth=3)]
-
-
-def _same_corner() -> np.ndarray:
-    """Return the rows of one corner of the box: its triangles share none."""
-    vertices = np.asarray(scene_of("point").triangles.vertices)
-    return BOX.start + np.flatnonzero(np.all(vertices[BOX] == vertices[BOX.start], axis=-1))
-
-
-class Renderer:
-    """Compiled programs of one scene and group of parameters."""
-
-    def __init__(self, kind: str, depth: int, names: tuple[str, ...]) -> None:
-        self.scene, self.depth = scene_of(kind), depth
-        parameters = jaxrt.parameters(self.scene)
-        self.start = {name: parameters[name] for name in names if name in parameters}
-        self.picture = jax.jit(partial(self._picture, boundary_samples=0), static_argnames="spp")
-        self.slope = jax.jit(self._slope, static_argnames=("spp", "boundary_samples"))
-
-    def _picture(self, p: Changes, key: int, spp: int, boundary_samples: int) -> Array:
-        scene = jaxrt.with_parameters(self.scene, p)
-        return jaxrt.render(scene, key, spp=spp, max_depth=self.depth, boundary_samples=boundary_samples)
-
-    def _slope(self, changes: Changes, key: int, spp: int, boundary_samples: int) -> Array:
-        picture = partial(self._picture, key=key, spp=spp, boundary_samples=boundary_samples)
-        return jax.jvp(picture, (self.start,), (changes,))[1]
-
-    def derivative(self, changes: Changes, samples: int) -> np.ndarray:
-        """Return the derivative picture (H, W, 3) with so many edge samples."""
-        return np.asarray(self.slope(self._dense(changes), 7, SPP, samples), float)
-
-    def difference(self, changes: Changes, step: float, key: int, spp: int) -> np.ndarray:
-        """Return the central difference, both pictures drawn with the same random numbers."""
-        ends = [
-            self.picture(jax.tree.map(lambda p, d, h=h: p + h * d, self.start, self._dense(changes)), key, spp)
-            for h in (step, -step)
-        ]
-        return (np.asarray(ends[0], float) - np.asarray(ends[1], float)) / (2 * step)
-
-    def _dense(self, changes: Changes) -> Changes:
-        zeros = jax.tree.map(jnp.zeros_like, self.start)
-        return zeros | {name: jnp.asarray(value, jnp.float32) for name, value in changes.items()}
-
-
-def cells(picture: np.ndarray) -> np.ndarray:
-    """Return means over 4 × 4 pixels."""
-    h, w = picture.shape[:2]
-    return picture.reshape(h // 4, 4, w // 4, 4, -1).mean((1, 3))
-
-
-def bumps(picture: np.ndarray) -> np.ndarray:
-    """Return 16 means weighted by Gaussians of 6 pixels."""
-    h, w = picture.shape[:2]
-    y, x = np.mgrid[:h, :w] + 0.5
-    places = [((i + 0.5) * h / 4, (j + 0.5) * w / 4) for i in range(4) for j in range(4)]
-    weights = np.stack([np.exp(-((y - a) ** 2 + (x - b) ** 2) / 72) for a, b in places])
-    return np.einsum("khw,hwc->kc", weights, picture)
-
-
-def errors(value: np.ndarray, reference: np.ndarray, scale: np.ndarray) -> Errors:
-    """Return the distances of `value` to the reference, relative to the size of `scale`."""
-
-    def relative(reduce: Callable[[np.ndarray], np.ndarray]) -> float:
-        return float(np.linalg.norm(reduce(value) - reduce(reference)) / np.linalg.norm(reduce(scale)))
-
-    return Errors(relative(cells), relative(bumps))
-
-
-GROUPS = {
-    "lights": ("lights.position", "lights.intensity", "lights.radius"),
-    "spheres": ("spheres.center", "spheres.radius"),
-    "meshes": ("meshes.vertices",),
-    "camera": ("camera.position",),
-}
-
-
-def measure(fd_spp: int) -> tuple[list[list[str]], list[tuple[str, np.ndarray, np.ndarray, np.ndarray]], np.ndarray]:
-    """Return the table's rows, the pictures (name, reference, without, with), and the reference of light x, y, z."""
-    renderers: dict[tuple[str, int, str], Renderer] = {}
-    rows, pictures, lights = [], [], []
-    scale = np.zeros(0)
-    for case in cases():
-        group = next(iter(case.changes)).split(".")[0]
-        key = case.scene, case.depth, group
-        renderer = renderers.setdefault(key, Renderer(case.scene, case.depth, GROUPS[group]))
-        first, second = (renderer.difference(case.changes, case.step, k, fd_spp) for k in KEYS)
-        reference = (first + second) / 2
-        scale = scale if case.absolute else reference
-        found = [renderer.derivative(case.changes, n) for n in (0, *SAMPLES)]
-        noise = errors(first, second, scale)
-        row = [case.table, case.name, str(Errors(noise.cells / 2, noise.bumps / 2))]
-        rows.append(row + [str(errors(value, reference, scale)) for value in found])
-        pictures.append((f"{case.table}: {case.name}", reference, found[0], found[-1]))
-        if case.table == "A" and case.scene == "point":
-            lights.append(reference)
-    return rows, pictures, np.stack(lights)
-
-
-def peer_rows(python: str, reference: np.ndarray) -> list[list[str]]:
-    """Return Mitsuba's answers for light x, y, z of table A."""
-    command = [python, str(HERE / "mitsuba_gradients.py"), SCENE]
-    output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    rows = []
-    for name, answer in json.loads(output.strip().splitlines()[-1]).items():
-        told = [answer] * 3
-        if not isinstance(answer, str):
-            told = [str(errors(np.asarray(v), r, r)) for v, r in zip(answer, reference, strict=True)]
-        rows.append([name, *told])
-    return rows
-
-
-def draw(path: str, pictures: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) -> None:
-    """Save the derivative pictures, red where the picture brightens and blue where it darkens."""
-    import matplotlib
-
-    matplotlib.use("agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(3, len(pictures), figsize=(1.7 * len(pictures), 5.4), layout="constrained")
-    for column, (title, *maps) in enumerate(pictures):
-        limit = np.percentile(np.abs(maps[0].mean(-1)), 99.5)
-        for row, picture in enumerate(maps):
-            axes[row, column].imshow(picture.mean(-1), cmap="RdBu_r", vmin=-limit, vmax=limit)
-            axes[row, column].set(xticks=[], yticks=[])
-        axes[0, column].set_title(title.replace(", ", ",\n"), fontsize=7)
-    for row, label in enumerate(("finite differences", "without edges", f"{SAMPLES[-1]} edge samples")):
-        axes[row, 0].set_ylabel(label, fontsize=8)
-    write_whole(Path(path), lambda file: figure.savefig(file, format="png", dpi=110))
-
-
-def main() -> None:
-    """Print the tables and draw the pictures."""
+def arguments() -> argparse.Namespace:
+    """Return the command line's options."""
     parser = argparse.ArgumentParser(description="Derivatives of moving edges against finite differences.")
-    parser.add_argument("--output", default="docs/derivatives.png")
-    parser.add_argument("--fd-spp", type=int, default=1024)
-    parser.add_argument("--peer-python")
-    options = parser.parse_args()
-    python, peer = find_peer(options.peer_python)
+    parser.add_argument("--rows", nargs="+", metavar="NAME", help="those with one of these in their names")
+    parser.add_argument("--list", action="store_true", help="print the rows' names, and no more")
+    parser.add_argument("--references", type=Path, metavar="FILE", help="keep finite differences in this .npz file")
+    parser.add_argument("--prepare", action="store_true", help="make the references, and no more")
+    parser.add_argument("--keys", type=int, default=256, help="of finite differences, at most")
+    parser.add_argument("--seeds", type=int, default=256, help="of estimates, at most")
+    parser.add_argument("--cost", action="store_true", help="what gradients cost, and no more")
+    parser.add_argument("--tables", action="store_true", help="tables by the number of samples, and the pictures")
+    edge_tables.add_options(parser)
+    return parser.parse_args()
+
+
+def cells(result: Result) -> list[str]:
+    """Return a row of the table."""
+    shares = [result.error, result.noise, result.fd_noise, result.step]
+    counts = [f"{result.row.bound:.2f}", str(result.seeds), str(result.keys)]
+    return [result.row.name, *(f"{share:.4f}" for share in shares), *counts, f"{result.interior:.3f}", result.word]
+
+
+def measured(chosen: list[Row], references: References, seeds: int, console: Console) -> list[str]:
+    """Print the table, a row at a time, and return the last words of its rows."""
+    table, words = Table(*COLUMNS), []
+    with Live(table, console=console, auto_refresh=False) as live:
+        for row in chosen:
+            found = measure(row, references, seeds)
+            words.append(found.word)
+            table.add_row(*cells(found))
+            live.refresh()
+    return words
+
+
+def main() -> int:
+    """Print what is asked for; return 1 where something does not hold."""
+    options = arguments()
+    chosen = [row for row in rows() if not options.rows or any(name in row.name for name in options.rows)]
     console = wide_console()
-    console.print(f"{cpu_model()}; jax {jax.__version__}; {peer}")
-    rows, pictures, lights = measure(options.fd_spp)
-    table = Table(
-        "", "d/d", "noise", "without edges", *(f"n={n}" for n in SAMPLES), title="4×4 cells / smooth functionals"
-    )
-    for row in rows:
-        table.add_row(*row)
-    console.print(table)
-    if python:
-        table = Table("Mitsuba", "light x", "light y", "light z", title="the same errors, table A")
-        for row in peer_rows(python, lights):
-            table.add_row(*row)
-        console.print(table)
-    draw(options.output, pictures)
+    if options.list:
+        print(*(row.name for row in chosen), sep="\n")
+        return 0
+    console.print(f"{cpu_model()}; jax {jax.__version__}")
+    if options.tables:
+        return edge_tables.main(options, console)
+    if options.cost:
+        return edge_cost.main(console)
+    references = References(options.references, options.keys)
+    if options.prepare:
+        for row in chosen:
+            console.print(row.name, len(references.of(row).near))
+        return 0
+    words = measured(chosen, references, options.seeds, console)
+    return int(any(word != "holds" for word in words) or (not options.rows and not edge_same.holds(console)))
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from benchmarks.chart.page import CHARTS, page_of
 from benchmarks.chart.references import cached, content_key, mean_image
 from benchmarks.chart.store import load
 from benchmarks.chart.subjects import Drawn, picture_method, prefix_method
-from benchmarks.edges import bumps
+from benchmarks.edge_tables import bumps
 from benchmarks.samplers import Reference
 from jaxrt.render import draw_sum
 

@@ -15,7 +15,7 @@ from benchmarks.chart.references import cached, content_key
 from benchmarks.chart.studies import Settings, Study
 from benchmarks.chart.subjects import SHADOW, Draw, Drawn
 from benchmarks.clock import cpu_seconds
-from benchmarks.edges import bumps
+from benchmarks.edge_tables import bumps
 from benchmarks.samplers import Reference
 from jaxrt import boundary
 from jaxrt.boundary.tangent import moving_edges
