@@ -189,14 +189,19 @@ def _radiance_from(
     ones = jnp.ones_like(ray.origin)
     first = last + 2
 
+    def met(k: Array, walk: Walk) -> Hit:
+        found = once(find)(tables.geometry, walk.ray)
+        return jax.tree.map(lambda a, b: jnp.where(k == first, a, b), hit, found)
+
     def event(k: Array, walk: Walk) -> Walk:
-        here = once(find)(tables.geometry, walk.ray)
+        here = met(k, walk)
         there = once(surface_point)(tables.geometry, walk.ray, here)
-        here, there = jax.tree.map(lambda a, b: jnp.where(k == first, a, b), (hit, point), (here, there))
+        there = jax.tree.map(lambda a, b: jnp.where(k == first, a, b), point, there)
         return event_at(tables, walk, here, there, tuple(x.astype(ones.dtype) for x in independent(stream, k)))
 
     walk = Walk(ray, ones, jnp.zeros_like(ones), jnp.zeros((), bool))
-    return last_look(tables, lax.fori_loop(first, plan.max_depth + 1, event, walk))
+    walk = lax.fori_loop(first, plan.max_depth + 1, event, walk)
+    return last_look(tables, walk, met(jnp.int32(plan.max_depth + 1), walk))
 
 
 def _aimed(turns: Turn, last: Array, numbers: tuple[Array, Array]) -> Turn:

@@ -5,7 +5,6 @@ counts wherever the colour can change across it. On a smooth ball radiance varie
 rim, so the inside is shaded at the rim itself.
 """
 
-from dataclasses import replace
 from functools import partial
 
 import jax
@@ -14,7 +13,7 @@ from jax import Array, lax
 
 from jaxrt.boundary.clearance import EdgeSamples, ViewRays
 from jaxrt.boundary.guiding import Draw, place, sample_guided
-from jaxrt.boundary.shadows import BEYOND, NUDGE, Plan, bins_for, occluder_anchors
+from jaxrt.boundary.shadows import NUDGE, Plan, bins_for, occluder_anchors
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, edge_table, rim_at
 from jaxrt.cameras import projection
 from jaxrt.core.maths import dot, normalize, safe_divide
@@ -23,10 +22,12 @@ from jaxrt.core.records import Hit, Ray, Smooth, SurfacePoint
 from jaxrt.core.samplers import independent
 from jaxrt.kernels.native import once
 from jaxrt.scene import Scene
-from jaxrt.shapes import find, surface_point
+from jaxrt.shapes import Geometry, find, surface_point
 from jaxrt.shapes.sphere import onto_sphere, sphere_error
+from jaxrt.shapes.triangle import triangle_point_at
 from jaxrt.transport.path import Tables, Walk, event_at, last_look, tables_of
 
+CLOSE = 1e-5  # what hides an outline is nearer by this share of its distance
 LIGHTS_ONLY = 16  # the outlines of lights alone get this part of the samples: they are few and smooth
 
 
@@ -99,38 +100,60 @@ def both_sides(
 ) -> tuple[tuple[Ray, Hit, SurfacePoint], Array]:
     """Return the rays (2,) from an eye just outside and just inside an outline with what they meet, and where.
 
-    Second, () bool, whether nothing hides the outline from the eye.
+    Second, () bool, whether nothing hides the outline from the eye. Surfaces that end at the outline are met on it: a
+    ray beside it would miss faces that are seen almost edge-on.
     """
-
-    def ray_past(side: Array) -> Ray:
-        return Ray(eye, normalize(rim.point + side * NUDGE * rim.distance * rim.normal - eye))
-
-    def start(side: Array) -> tuple[Ray, Hit, SurfacePoint]:
-        ray = ray_past(side)
-        hit = once(find)(tables.geometry, ray)
-        point = once(surface_point)(tables.geometry, ray, hit)
-        return ray, hit, point
-
-    sides = jnp.asarray([1, -1], eye.dtype)
-    rays, hits, points = jax.vmap(start)(sides)
-    outer, first, place = jax.tree.map(lambda x: x[0], (rays, hits, points))
-    travelled = dot(place.position - eye, outer.direction)
-    hidden = first.valid & (travelled < rim.distance * (1 - BEYOND)) & ~_own(outlines, row, first.index)
+    past = normalize(rim.point + NUDGE * rim.distance * rim.normal - eye)
+    rays = Ray(jnp.stack([eye, eye]), jnp.stack([past, normalize(rim.point - eye)]))
+    hits = jax.vmap(once(find), in_axes=(None, 0))(tables.geometry, rays)
+    points = jax.vmap(once(surface_point), in_axes=(None, 0, 0))(tables.geometry, rays, hits)
+    beyond = jax.tree.map(lambda x: x[0], (rays, hits, points))
+    toward, first, place = jax.tree.map(lambda x: x[1], (rays, hits, points))
+    gap = rim.distance - dot(place.position - eye, toward.direction)
+    behind = gap * jnp.abs(dot(place.normal, toward.direction)) > 2 * place.error
+    hidden = first.valid & (gap > CLOSE * rim.distance) & behind & ~_ends(outlines, row, first.index)
+    inside = outside = None
+    if outlines.edges is not None:
+        inside, outside = _at_edge(tables.geometry, outlines, row, rim, toward)
+        beyond = jax.tree.map(lambda a, b: jnp.where(outside[0], a, b), outside[1], beyond)
     if outlines.spheres is not None:
-        hits, points = _at_rim(outlines, row, rim, hits, points)
-    return (rays, hits, points), ~hidden
+        at_rim = _at_rim(outlines, row, rim, toward, place)
+        of_sphere = row < outlines.spheres_count
+        inside = at_rim if inside is None else jax.tree.map(lambda a, b: jnp.where(of_sphere, a, b), at_rim, inside)
+    return jax.tree.map(lambda *x: jnp.stack(x), beyond, inside), ~hidden
 
 
-def _own(outlines: Silhouettes, row: Array, index: Array) -> Array:
-    """Return whether primitive `index` is one of the faces at an edge."""
+def _ends(outlines: Silhouettes, row: Array, index: Array) -> Array:
+    """Return whether primitive `index` ends at a row's outline."""
     n = outlines.spheres_count
+    sphere = (row < n) & (index == row)
     if outlines.edges is None:
-        return jnp.zeros((), bool)
-    return (row >= n) & jnp.any(outlines.edges.faces[jnp.maximum(row - n, 0)] + n == index)
+        return sphere
+    return sphere | ((row >= n) & jnp.any(outlines.edges.faces[jnp.maximum(row - n, 0)] + n == index))
 
 
-def _at_rim(outlines: Silhouettes, row: Array, rim: Rim, hits: Hit, points: SurfacePoint) -> tuple[Hit, SurfacePoint]:
-    """Return both starts, the inner one put on the rim itself where it is that of a sphere."""
+def _at_edge(
+    geometry: Geometry, outlines: Silhouettes, row: Array, rim: Rim, ray: Ray
+) -> tuple[tuple[Ray, Hit, SurfacePoint], tuple[Array, tuple[Ray, Hit, SurfacePoint]]]:
+    """Return how a ray to an edge meets the face inside, then whether the other face is outside, and how it is met."""
+    edges, n = outlines.edges, outlines.spheres_count
+    assert edges is not None and geometry.triangles is not None
+    triangles, edge = geometry.triangles, jnp.maximum(row - n, 0)
+    a, v1, normals, faces = edges.corners[edge, 0], edges.corners[edge, 3], edges.normals[edge], edges.faces[edge]
+    apart = (row >= n) & (dot(rim.normal, v1 - a) > 0)
+    # Of two faces on one side the one that comes nearer to the eye hides the other
+    lean = [safe_divide(dot(normal, rim.normal), dot(normal, ray.direction)) for normal in normals]
+    nearer = jnp.where(~apart & (lean[1] < lean[0]), faces[1], faces[0])
+
+    def met(face: Array) -> tuple[Ray, Hit, SurfacePoint]:
+        point = triangle_point_at(triangles, rim.point, ray.direction, face)
+        return ray, Hit(face + n, jnp.ones((), bool)), point
+
+    return met(nearer), (apart, met(faces[1]))
+
+
+def _at_rim(outlines: Silhouettes, row: Array, rim: Rim, ray: Ray, like: SurfacePoint) -> tuple[Ray, Hit, SurfacePoint]:
+    """Return how a ray to a sphere's rim meets the sphere. like: a surface point of the scene."""
     spheres = outlines.spheres
     assert spheres is not None
     sphere = jnp.minimum(row, outlines.spheres_count - 1)
@@ -139,21 +162,9 @@ def _at_rim(outlines: Silhouettes, row: Array, rim: Rim, hits: Hit, points: Surf
     # The rim of a huge sphere is off its surface by rounding, and rays that leave it would meet it
     position = onto_sphere(table, rim.point)
     error = sphere_error(table, position)
-    at_rim = (
-        Hit(sphere, jnp.ones((), bool)),
-        replace(
-            jax.tree.map(lambda x: x[1], points),
-            position=position,
-            normal=rim.normal,
-            error=error,
-            material=spheres.material[sphere],
-        ),
-    )
-    if points.smooth is not None:
-        smooth = Smooth(rim.normal, position, jnp.ones_like(error))
-        at_rim = at_rim[0], replace(at_rim[1], smooth=smooth)
-    use = row < outlines.spheres_count
-    return jax.tree.map(lambda old, new: old.at[1].set(jnp.where(use, new, old[1])), (hits, points), at_rim)
+    smooth = None if like.smooth is None else Smooth(rim.normal, position, jnp.ones_like(error))
+    point = SurfacePoint(position, rim.normal, error, spheres.material[sphere], smooth)
+    return ray, Hit(sphere, jnp.ones((), bool)), point
 
 
 def _radiance_from(plan: Plan, tables: Tables, draw: Draw, ray: Ray, hit: Hit, point: SurfacePoint) -> Array:

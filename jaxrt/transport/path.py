@@ -236,11 +236,14 @@ def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
     return replace(walk, radiance=walk.radiance + walk.throughput * seen)
 
 
-def last_look(tables: Tables, walk: Walk) -> Array:
-    """Return the walk's radiance with what its last ray sees, where it can see anything at all."""
+def last_look(tables: Tables, walk: Walk, hit: Hit | None = None) -> Array:
+    """Return the walk's radiance with what its last ray sees, where it can see anything at all.
+
+    hit: what the ray hits; None: to be found.
+    """
     spheres = tables.lights is not None and tables.lights.lights.have_size
     can_shine = spheres or shines_from_afar(tables.lights)
     sees = tables.materials.are_delta or tables.materials.are_glossy
     if tables.environment is None and not (can_shine and sees):
         return walk.radiance
-    return _see(tables, walk, once(find)(tables.geometry, walk.ray)).radiance
+    return _see(tables, walk, once(find)(tables.geometry, walk.ray) if hit is None else hit).radiance
