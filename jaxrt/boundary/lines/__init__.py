@@ -20,8 +20,8 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import DTypeLike
 
-from jaxrt.boundary.between import Place, distances, may_cross, place_between
-from jaxrt.boundary.chains import (
+from jaxrt.boundary.lines.between import Place, distances, may_cross, place_between
+from jaxrt.boundary.lines.chains import (
     ENDED,
     MISSED,
     Chain,
