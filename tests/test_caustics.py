@@ -82,10 +82,17 @@ def test_a_light_in_a_flat_mirror_is_an_image_light(move):
     name, direction = MOVES[move]
     closed = (by_image_light(move, 1e-3) - by_image_light(move, -1e-3)) / 2e-3
     if name == "lights.radius":
-        closed = 2/.4*by_image_light(move, 0)
+        closed = 2 / 0.4 * by_image_light(move, 0)
     print()
     for geometry in (False, True):
         found = slope(mirrored(), samples(geometry), name, direction)
-        print(move, geometry, found.mean((0,1)), closed.mean((0,1)), found.mean()/closed.mean(), np.linalg.norm(found-closed)/np.linalg.norm(closed))
-        a, b = (v.reshape(2,4,2,4,3).mean((1,3))[...,0].ravel() for v in (found, closed))
+        print(
+            move,
+            geometry,
+            found.mean((0, 1)),
+            closed.mean((0, 1)),
+            found.mean() / closed.mean(),
+            np.linalg.norm(found - closed) / np.linalg.norm(closed),
+        )
+        a, b = (v.reshape(2, 4, 2, 4, 3).mean((1, 3))[..., 0].ravel() for v in (found, closed))
         print(a, b)

@@ -9,11 +9,12 @@ from the camera at fixed random numbers, as inside of edges: so it moves with al
 from dataclasses import replace
 from functools import partial
 
+import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.boundary.clearance import EdgeSamples
-from jaxrt.boundary.guiding import Draw, place, sample_guided
+from jaxrt.boundary.guiding import Draw, Placed, place, sample_guided
 from jaxrt.boundary.shadows import (
     Carrier,
     Plan,
@@ -44,7 +45,19 @@ class CausticTables:
     """What the samples are drawn from."""
 
     tables: Tables
-    outlines: Silhouettes  # what stands in the way
+    outlines: Silhouettes
+
+
+@pytree
+class Grazing:
+    """Light that sets out past a point of an outline."""
+
+    carrier: Carrier
+    row: Array  # () int32 of the outlines
+    t: Array  # () place along it
+    rim: Rim
+    skimming: Array  # (3,) share of the light that goes the same way just inside, with one event more
+    sign: Array  # () 1 where light passes outside of the outline, −1 where it does inside
 
 
 def caustic_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
@@ -58,38 +71,51 @@ def caustic_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, .
     if plan.max_depth == 1 or not (materials.are_delta and materials.are_lit):
         return ()
     tables = tables_of(scene)
-    spheres = tables.geometry.spheres
-    assert lights.radius is not None
-    powers = jnp.where(lights.radius > 0, jnp.sum(lights.intensity, -1), 0)
-    own = CausticTables(tables, Silhouettes(spheres, None))
-    cells = CELLS[0] * CELLS[1]
-    seed = seed ^ jnp.uint32(4)
-    rims = sample_guided(partial(_rim, plan), own, jnp.repeat(powers, cells), plan.n, seed, plan.devices)
-    return rims, *_shaded(scene, tables, seed ^ jnp.uint32(12), plan)
-
-
-def _shaded(scene: Scene, tables: Tables, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
-    """Return samples of what stands between lights and mirrors."""
-    lights = scene.lights
-    assert lights is not None and lights.radius is not None and tables.lights is not None
-    crowd = lights.count > 1
     edges = edge_table(scene.triangles) if scene.triangles is not None and plan.geometry_moves else None
-    # A scene's only light cannot block itself
-    outlines = Silhouettes(tables.occluders.spheres, edges)
-    if outlines.rows == 0 or not (plan.geometry_moves or crowd):
-        return ()
-    bins = bins_for(outlines.rows)
-    weights = shadow_weights(tables, outlines, bins).reshape(-1, outlines.rows, bins)
-    moves = jnp.ones(outlines.rows, bool) if plan.geometry_moves else jnp.arange(outlines.rows) >= tables.first_light
-    sized = jnp.arange(weights.shape[0]) < lights.radius.shape[0]
-    sized = sized & (jnp.pad(lights.radius, (0, weights.shape[0] - lights.radius.shape[0])) > 0)
-    weights = jnp.where(sized[:, None, None] & moves[None, :, None], weights, 0).ravel()
+    outlines = Silhouettes(tables.geometry.spheres, edges)
+    weights, blocked = _weights(tables, outlines, plan)
     operands = CausticTables(tables, outlines)
-    return (sample_guided(partial(_past, plan, bins), operands, weights, plan.n, seed, plan.devices),)
+    sample = partial(_sample, plan, blocked)
+    return (sample_guided(sample, operands, weights, plan.n, seed ^ jnp.uint32(4), plan.devices),)
 
 
-def _rim(plan: Plan, operands: CausticTables, draw: Draw) -> tuple[EdgeSamples, Array]:
-    """Return one sample of the light's own rim, and what it brings.
+def _weights(tables: Tables, outlines: Silhouettes, plan: Plan) -> tuple[Array, bool]:
+    """Return weights of all bins, those of the lights' own rims first, and whether those of other outlines follow."""
+    assert tables.lights is not None
+    lights = tables.lights.lights
+    n, radii = lights.position.shape[0], lights.radius
+    assert radii is not None
+    rims = jnp.repeat(jnp.where(radii > 0, jnp.sum(lights.intensity, -1), 0), CELLS[0] * CELLS[1])
+    if outlines.rows == n or not (plan.geometry_moves or n > 1):
+        return rims, False
+    others = shadow_weights(tables, outlines, bins_for(outlines.rows)).reshape(
+        -1, outlines.rows, bins_for(outlines.rows)
+    )
+    moves = plan.geometry_moves | (jnp.arange(outlines.rows) >= tables.first_light)
+    others = jnp.where((radii > 0)[:, None, None] & moves[None, :, None], others[:n], 0).ravel()
+    return jnp.concatenate([safe_divide(x, jnp.full_like(x, jnp.sum(x))) for x in (rims, others)]), True
+
+
+def _sample(plan: Plan, blocked: bool, operands: CausticTables, draw: Draw) -> tuple[EdgeSamples, Array]:
+    """Return one sample, and what it brings. blocked: whether anything stands in the way."""
+    placed = once(place)(draw)
+    light = once(_from_rim)(operands, draw, placed)
+    if blocked:
+        other = once(_past_outline)(operands, draw, placed)
+        own = placed.bin < _rims(operands.tables)
+        light = jax.tree.map(lambda a, b: jnp.where(own, a, b), light, other)
+    return _followed(plan, operands, draw, light)
+
+
+def _rims(tables: Tables) -> int:
+    """Return the number of bins that are of the lights' own rims."""
+    assert tables.lights is not None
+    count: int = tables.lights.lights.position.shape[0]
+    return count * CELLS[0] * CELLS[1]
+
+
+def _from_rim(operands: CausticTables, draw: Draw, placed: Placed) -> Grazing:
+    """Return light that touches its own ball.
 
     A ray of any direction touches a sphere anywhere on a circle: all these rays carry alike of its radiance.
     """
@@ -98,22 +124,20 @@ def _rim(plan: Plan, operands: CausticTables, draw: Draw) -> tuple[EdgeSamples, 
     lights = tables.lights.lights
     assert lights.radius is not None
     rows, columns = CELLS
-    placed = once(place)(draw)
-    light, cell = placed.bin // (rows * columns), placed.bin % (rows * columns)
+    chosen = jnp.minimum(placed.bin, _rims(tables) - 1)
+    light, cell = chosen // (rows * columns), chosen % (rows * columns)
     turn = ((cell % columns).astype(placed.t.dtype) + draw.spread[0]) / columns
     height = ((cell // columns).astype(placed.t.dtype) + placed.t) / rows
     direction = sample_uniform_sphere((turn, height))
     center, radius = lights.position[light], lights.radius[light]
-    rim, start = once(_touched)(center, radius, direction, draw.spread[1])
+    rim, start = _touched(center, radius, direction, draw.spread[1])
     density = placed.density * (rows * columns) * draw.total
     # Radiance times all directions times all of the circle
     flux = lights.intensity[light] * safe_divide(8 * jnp.pi * jnp.ones_like(radius), radius * density)
     ray = Ray(start, direction)
-    carrier = Carrier(ray, ray, jnp.zeros_like(radius), jnp.where(density > 0, flux, 0))
-    row = tables.first_light + light
-    nothing = jnp.zeros_like(flux)
+    carrier = Carrier(ray, ray, jnp.zeros_like(radius), flux)
     # Outside there is no light
-    return _follow(plan, operands, draw, carrier, (row, placed.t, rim), nothing, -1)
+    return Grazing(carrier, tables.first_light + light, placed.t, rim, jnp.zeros_like(flux), -jnp.ones_like(radius))
 
 
 def _touched(center: Array, radius: Array, direction: Array, turn: Array) -> tuple[Rim, Array]:
@@ -127,62 +151,48 @@ def _touched(center: Array, radius: Array, direction: Array, turn: Array) -> tup
     return rim, point + rounding * normal
 
 
-def _past(plan: Plan, bins: int, operands: CausticTables, draw: Draw) -> tuple[EdgeSamples, Array]:
-    """Return one sample of what stands between a light and a mirror, and what it brings."""
+def _past_outline(operands: CausticTables, draw: Draw, placed: Placed) -> Grazing:
+    """Return light that passes an outline on its way to a mirror."""
     tables, outlines = operands.tables, operands.outlines
     assert tables.lights is not None
-    placed = once(place)(draw)
-    light, rest = placed.bin // (outlines.rows * bins), placed.bin % (outlines.rows * bins)
+    bins = bins_for(outlines.rows)
+    chosen = jnp.maximum(placed.bin - _rims(tables), 0)
+    light, rest = chosen // (outlines.rows * bins), chosen % (outlines.rows * bins)
     row = rest // bins
     t = ((rest % bins).astype(placed.t.dtype) + placed.t) / bins
-    source = once(light_point)(tables.lights, outlines, light, row, t, draw.spread)
-    rim = once(partial(rim_at, creases=False))(outlines, row, t, source.position)
-    carrier = once(carrier_past)(source, rim, placed.density * bins * draw.total)
-    skimming = once(_skimming)(operands, row, rim, carrier.ray.direction)
-    return _follow(plan, operands, draw, carrier, (row, t, rim), skimming, 1)
+    source = light_point(tables.lights, outlines, light, row, t, draw.spread)
+    rim = rim_at(outlines, row, t, source.position, False)
+    carrier = carrier_past(source, rim, placed.density * bins * draw.total)
+    skimming = _skimming(operands, row, rim, carrier.ray.direction)
+    return Grazing(carrier, row, t, rim, skimming, jnp.ones_like(t))
 
 
 def _skimming(operands: CausticTables, row: Array, rim: Rim, direction: Array) -> Array:
     """Return the share (3,) of the light that goes straight on just inside of an outline, skimming a ball."""
     spheres = operands.outlines.spheres
-    if spheres is None:
-        return jnp.zeros_like(direction)
+    assert spheres is not None
     n = operands.outlines.spheres_count
-    material = spheres.material[jnp.minimum(row, n - 1)]
-    point = SurfacePoint(rim.point, rim.normal, jnp.zeros_like(rim.distance), material)
     zero = jnp.zeros_like(rim.distance)
+    point = SurfacePoint(rim.point, rim.normal, zero, spheres.material[jnp.minimum(row, n - 1)])
     scattering = scatter(operands.tables.materials, point, -direction, (zero, zero))
     return jnp.where(scattering.specular & (row < n), scattering.weight, 0)
 
 
-def _follow(
-    plan: Plan,
-    operands: CausticTables,
-    draw: Draw,
-    carrier: Carrier,
-    outline: tuple[Array, Array, Rim],
-    skimming: Array,
-    sign: int,
-) -> tuple[EdgeSamples, Array]:
-    """Return the weights and the clearance of light that sets out past an outline, and what it brings.
-
-    outline: row, place t and point. skimming: (3,) share that goes the same way on the outline's inside, with one event
-    more. sign: 1 where light passes outside of the outline, −1 where it does inside.
-    """
-    row, t, rim = outline
-    tables = operands.tables
-    _, vertices = lax.scan(partial(vertex, tables, draw, True), carrier, jnp.arange(plan.max_depth, dtype=jnp.int32))
-    both = jnp.arange(plan.max_depth)[:, None] < plan.max_depth - 1
-    lost = 1 - jnp.where(both, skimming[None], 0)
-    weight = vertices.weight * lost
-    measure = jnp.sum(weight)
-    anchors = occluder_anchors(operands.outlines, plan.geometry_moves, row, t, rim)
+def _followed(plan: Plan, operands: CausticTables, draw: Draw, light: Grazing) -> tuple[EdgeSamples, Array]:
+    """Return what light brings to the picture by mirrors and glass, and the constants of its clearance."""
+    tables, rim = operands.tables, light.rim
+    events = jnp.arange(plan.max_depth, dtype=jnp.int32)
+    _, vertices = lax.scan(partial(vertex, tables, draw, True), light.carrier, events)
+    skimming = jnp.where((events < plan.max_depth - 1)[:, None], light.skimming[None], 0)
+    vertices = replace(vertices, weight=vertices.weight * (1 - skimming))
+    measure = jnp.sum(vertices.weight)
+    anchors = occluder_anchors(operands.outlines, plan.geometry_moves, light.row, light.t, rim)
     if not plan.geometry_moves:
-        return EdgeSamples(vertices.pixel, sign * weight, None, None, (anchors,)), measure
-    choice = independent(draw.stream, 0)[0].astype(t.dtype)
-    shown, number = one_of(replace(vertices, weight=weight), choice)
+        return EdgeSamples(vertices.pixel, light.sign * vertices.weight, None, None, (anchors,)), measure
+    choice = independent(draw.stream, 0)[0].astype(light.t.dtype)
+    shown, number = one_of(vertices, choice)
     away = rim.point - vertices.point.position[0]
     change = Ray(rim.normal, safe_sqrt(dot(away, away)) * rim.normal)
     view, trail = trail_from(tables, vertices, shown, number, change, rim.point)
-    samples = EdgeSamples(shown.pixel[None], sign * shown.weight[None], None, view, (anchors,), trail)
+    samples = EdgeSamples(shown.pixel[None], light.sign * shown.weight[None], None, view, (anchors,), trail)
     return samples, measure * (1 + reach_of(trail))
