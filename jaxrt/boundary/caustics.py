@@ -16,6 +16,7 @@ from jax import Array, lax
 from jaxrt.boundary.clearance import EdgeSamples
 from jaxrt.boundary.guiding import Draw, Placed, place, sample_guided
 from jaxrt.boundary.shadows import (
+    BEYOND,
     Carrier,
     Plan,
     bins_for,
@@ -23,21 +24,24 @@ from jaxrt.boundary.shadows import (
     light_point,
     occluder_anchors,
     shadow_weights,
+    towards,
     vertex,
 )
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, edge_table, rim_at
-from jaxrt.boundary.trail import one_of, reach_of, trail_from
-from jaxrt.core.maths import dot, safe_divide, safe_sqrt, unit_roundoff
+from jaxrt.boundary.trail import one_of, reach_of, spheres_count, trail_from
+from jaxrt.core.maths import cross, dot, normalize, safe_divide, safe_sqrt, unit_roundoff
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Ray, SurfacePoint
 from jaxrt.core.samplers import independent
-from jaxrt.core.sampling import frame, sample_uniform_sphere, sincos_2pi
 from jaxrt.kernels.native import once
 from jaxrt.materials import scatter
 from jaxrt.scene import Scene
+from jaxrt.shapes import Geometry
 from jaxrt.transport.path import Tables, tables_of
 
-CELLS = 16, 32  # of directions, among which a pilot shares the samples of each light: by height, about the axis
+CELLS = 4  # parts of a light's rim, and of a mirror each way, among which a pilot shares the samples
+FEW = 32  # surfaces up to which it does
+ASKANCE = 0.1  # of the size of a triangle, which it has at least as it looks from a light
 
 
 @pytree
@@ -85,15 +89,45 @@ def _weights(tables: Tables, outlines: Silhouettes, plan: Plan) -> tuple[Array, 
     lights = tables.lights.lights
     n, radii = lights.position.shape[0], lights.radius
     assert radii is not None
-    rims = jnp.repeat(jnp.where(radii > 0, jnp.sum(lights.intensity, -1), 0), CELLS[0] * CELLS[1])
+    power = safe_divide(jnp.sum(lights.intensity, -1), radii)
+    sizes = lax.map(lambda light: _sizes(tables, light[0]) * light[1], (lights.position, power))
+    cells = _cells(tables)
+    rims = jnp.repeat(sizes.ravel(), cells * cells * cells)
     if outlines.rows == n or not (plan.geometry_moves or n > 1):
         return rims, False
-    others = shadow_weights(tables, outlines, bins_for(outlines.rows)).reshape(
-        -1, outlines.rows, bins_for(outlines.rows)
-    )
+    bins = bins_for(outlines.rows)
+    others = shadow_weights(tables, outlines, bins).reshape(-1, outlines.rows, bins)
     moves = plan.geometry_moves | (jnp.arange(outlines.rows) >= tables.first_light)
     others = jnp.where((radii > 0)[:, None, None] & moves[None, :, None], others[:n], 0).ravel()
     return jnp.concatenate([safe_divide(x, jnp.full_like(x, jnp.sum(x))) for x in (rims, others)]), True
+
+
+def _sizes(tables: Tables, eye: Array) -> Array:
+    """Return about how large each mirror and glass (primitives,) looks from a place; 0 for other surfaces."""
+    spheres, triangles = tables.geometry.spheres, tables.geometry.triangles
+    assert spheres is not None
+    away = spheres.center - eye[None]
+    squared = spheres.radius * spheres.radius
+    sizes, material = [jnp.pi * squared / jnp.maximum(jnp.sum(away * away, -1), squared)], spheres.material
+    if triangles is not None:
+        a, b, c = (triangles.corners[:, i] for i in range(3))
+        normal, away = jnp.cross(b - a, c - a), (a + b + c) / 3 - eye[None]
+        area, distance = (jnp.sqrt(jnp.sum(v * v, -1)) for v in (normal / 2, away))
+        faced = jnp.abs(jnp.sum(normal * away, -1)) / 2
+        sizes.append(safe_divide(faced + ASKANCE * area * distance, distance * (distance * distance + area)))
+        material = jnp.concatenate([material, triangles.material])
+    diffuse, delta, _ = tables.materials.ends
+    return jnp.where((material >= diffuse) & (material < delta), jnp.concatenate(sizes), 0)
+
+
+def _primitives(tables: Tables) -> int:
+    triangles = tables.geometry.triangles
+    return spheres_count(tables.geometry) + (0 if triangles is None else triangles.corners.shape[0])
+
+
+def _cells(tables: Tables) -> int:
+    """Return into how many parts the place on a mirror, either way, and that on a light's rim are divided."""
+    return CELLS if _primitives(tables) <= FEW else 1
 
 
 def _sample(plan: Plan, blocked: bool, operands: CausticTables, draw: Draw) -> tuple[EdgeSamples, Array]:
@@ -111,44 +145,50 @@ def _rims(tables: Tables) -> int:
     """Return the number of bins that are of the lights' own rims."""
     assert tables.lights is not None
     count: int = tables.lights.lights.position.shape[0]
-    return count * CELLS[0] * CELLS[1]
+    return count * _primitives(tables) * _cells(tables) ** 3
 
 
 def _from_rim(operands: CausticTables, draw: Draw, placed: Placed) -> Grazing:
-    """Return light that touches its own ball.
-
-    A ray of any direction touches a sphere anywhere on a circle: all these rays carry alike of its radiance.
-    """
+    """Return light that comes to a mirror or glass from its own ball's rim."""
     tables = operands.tables
     assert tables.lights is not None
-    lights = tables.lights.lights
+    lights, cells = tables.lights.lights, _cells(tables)
     assert lights.radius is not None
-    rows, columns = CELLS
-    chosen = jnp.minimum(placed.bin, _rims(tables) - 1)
-    light, cell = chosen // (rows * columns), chosen % (rows * columns)
-    turn = ((cell % columns).astype(placed.t.dtype) + draw.spread[0]) / columns
-    height = ((cell // columns).astype(placed.t.dtype) + placed.t) / rows
-    direction = sample_uniform_sphere((turn, height))
-    center, radius = lights.position[light], lights.radius[light]
-    rim, start = _touched(center, radius, direction, draw.spread[1])
-    density = placed.density * (rows * columns) * draw.total
-    # Radiance times all directions times all of the circle
-    flux = lights.intensity[light] * safe_divide(8 * jnp.pi * jnp.ones_like(radius), radius * density)
-    ray = Ray(start, direction)
-    carrier = Carrier(ray, ray, jnp.zeros_like(radius), flux)
-    # Outside there is no light
-    return Grazing(carrier, tables.first_light + light, placed.t, rim, jnp.zeros_like(flux), -jnp.ones_like(radius))
-
-
-def _touched(center: Array, radius: Array, direction: Array, turn: Array) -> tuple[Rim, Array]:
-    """Return the point of a sphere that a ray of a direction touches, and that point moved off by its rounding."""
-    side, up = frame(direction)
-    cos, sin = sincos_2pi(turn)
-    normal = cos * side + sin * up
-    point = center + radius * normal
+    rest, cell = jnp.divmod(jnp.minimum(placed.bin, _rims(tables) - 1), cells**3)
+    light, target = jnp.divmod(rest, _primitives(tables))
+    t, *u = (((cell // cells**k % cells).astype(x.dtype) + x) / cells for k, x in enumerate((placed.t, *draw.spread)))
+    center, radius, row = lights.position[light], lights.radius[light], tables.first_light + light
+    place, normal, pdf = _place_on(tables.geometry, target, center, (u[0], u[1]))
+    rim = rim_at(Silhouettes(tables.geometry.spheres, None), row, t, place, False)
+    direction = normalize(place - rim.point)
+    # Radiance of the rays that clear the rim by a unit, at all places
+    area = safe_divide(jnp.abs(dot(normal, direction)), pdf * (placed.density * cells**3 * draw.total))
+    spread = safe_divide(rim.jacobian * area, jnp.pi * radius * radius * rim.distance * rim.distance)
     rounding = 32 * unit_roundoff(center) * (jnp.sum(jnp.abs(center)) + radius)
-    rim = Rim(point, normal, 2 * jnp.pi * radius, jnp.zeros_like(radius), radius > 0)
-    return rim, point + rounding * normal
+    ray = Ray(rim.point + rounding * rim.normal, direction)
+    flux = jnp.where(rim.valid, lights.intensity[light] * spread, 0)
+    carrier = Carrier(ray, ray, rim.distance * (1 - BEYOND), flux)
+    # Outside there is no light
+    return Grazing(carrier, row, t, rim, jnp.zeros_like(flux), -jnp.ones_like(radius))
+
+
+def _place_on(geometry: Geometry, index: Array, eye: Array, u: tuple[Array, Array]) -> tuple[Array, Array, Array]:
+    """Return a place on a primitive, on a sphere likelier on the side of an eye, the normal, and density per area."""
+    spheres, triangles, n = geometry.spheres, geometry.triangles, spheres_count(geometry)
+    assert spheres is not None
+    center, radius = spheres.center[jnp.minimum(index, n - 1)], spheres.radius[jnp.minimum(index, n - 1)]
+    axis = normalize(eye - center)
+    axis = jnp.where(dot(axis, axis) > 0, axis, jnp.zeros_like(axis).at[2].set(1))
+    normal, pdf = towards(axis, u)
+    place, pdf = center + radius * normal, safe_divide(pdf, radius * radius)
+    if triangles is None:
+        return place, normal, pdf
+    a, b, c = triangles.corners[jnp.maximum(index - n, 0)]
+    across, side = jnp.sqrt(u[0]), cross(b - a, c - a)
+    flat = a + across * ((1 - u[1]) * (b - a) + u[1] * (c - a))
+    twice = safe_sqrt(dot(side, side))
+    other = flat, normalize(side), safe_divide(2 * jnp.ones_like(twice), twice)
+    return tuple(jnp.where(index < n, x, y) for x, y in zip((place, normal, pdf), other, strict=True))
 
 
 def _past_outline(operands: CausticTables, draw: Draw, placed: Placed) -> Grazing:

@@ -169,6 +169,15 @@ def light_point(
         return LightPoint(center, jnp.zeros_like(center), center, intensity)
     axis = normalize(_middle(outlines, row, t) - center)
     axis = jnp.where(dot(axis, axis) > 0, axis, jnp.zeros_like(axis).at[2].set(1))
+    omega, pdf = towards(axis, u)
+    radius = radii[light]
+    position = center + radius * omega
+    rounding = 32 * unit_roundoff(center) * (jnp.sum(jnp.abs(center)) + radius)
+    return LightPoint(position, omega, position + rounding * omega, intensity / pdf)
+
+
+def towards(axis: Array, u: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return a unit direction, likelier the nearer it is to an axis, and its density per steradian."""
     u0 = u[0] / LOBE, (u[0] - LOBE) / (1 - LOBE)
     lobe = u[0] < LOBE
     omega = jnp.where(
@@ -176,11 +185,7 @@ def light_point(
         sample_cosine_hemisphere(axis, (jnp.where(lobe, u0[0], 0), u[1])),
         sample_uniform_sphere((jnp.where(lobe, 0, jnp.minimum(u0[1], 1)), u[1])),
     )
-    pdf = LOBE * pdf_cosine_hemisphere(dot(omega, axis)) + (1 - LOBE) * pdf_uniform_sphere()
-    radius = radii[light]
-    position = center + radius * omega
-    rounding = 32 * unit_roundoff(center) * (jnp.sum(jnp.abs(center)) + radius)
-    return LightPoint(position, omega, position + rounding * omega, intensity / pdf)
+    return omega, LOBE * pdf_cosine_hemisphere(dot(omega, axis)) + (1 - LOBE) * pdf_uniform_sphere()
 
 
 def _shone(lights: Lights, light: Array, source: LightPoint, rim: Rim) -> LightPoint:
