@@ -187,8 +187,13 @@ def _place_on(geometry: Geometry, index: Array, eye: Array, u: tuple[Array, Arra
     across, side = jnp.sqrt(u[0]), cross(b - a, c - a)
     flat = a + across * ((1 - u[1]) * (b - a) + u[1] * (c - a))
     twice = safe_sqrt(dot(side, side))
-    other = flat, normalize(side), safe_divide(2 * jnp.ones_like(twice), twice)
-    return tuple(jnp.where(index < n, x, y) for x, y in zip((place, normal, pdf), other, strict=True))
+    flatly = safe_divide(2 * jnp.ones_like(twice), twice)
+    ball = index < n
+    return (
+        jnp.where(ball, place, flat),
+        jnp.where(ball, normal, normalize(side)),
+        jnp.where(ball, pdf, flatly),
+    )
 
 
 def _past_outline(operands: CausticTables, draw: Draw, placed: Placed) -> Grazing:
