@@ -24,22 +24,23 @@ from jaxrt.boundary.shadows import (
     light_point,
     occluder_anchors,
     shadow_weights,
-    towards,
     vertex,
 )
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, edge_table, rim_at
 from jaxrt.boundary.trail import one_of, reach_of, spheres_count, trail_from
 from jaxrt.core.maths import cross, dot, normalize, safe_divide, safe_sqrt, unit_roundoff
 from jaxrt.core.pytree import pytree
-from jaxrt.core.records import Ray, SurfacePoint
+from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.core.samplers import independent
+from jaxrt.core.sampling import cone_of_sphere, pdf_cone, sample_cone, sample_uniform_sphere
 from jaxrt.kernels.native import once
 from jaxrt.materials import scatter
 from jaxrt.scene import Scene
-from jaxrt.shapes import Geometry
+from jaxrt.shapes import Geometry, surface_point
 from jaxrt.transport.path import Tables, tables_of
 
 CELLS = 4  # parts of a light's rim, and of a mirror each way, among which a pilot shares the samples
+SEEN = 0.9  # share of places on a ball that are drawn by how it looks from a light
 FEW = 32  # surfaces up to which it does
 ASKANCE = 0.1  # of the size of a triangle, which it has at least as it looks from a light
 
@@ -173,14 +174,30 @@ def _from_rim(operands: CausticTables, draw: Draw, placed: Placed) -> Grazing:
 
 
 def _place_on(geometry: Geometry, index: Array, eye: Array, u: tuple[Array, Array]) -> tuple[Array, Array, Array]:
-    """Return a place on a primitive, on a sphere likelier on the side of an eye, the normal, and density per area."""
+    """Return a place on a primitive, its normal, and the density per area.
+
+    On a sphere most are evenly spread as an eye sees them, the others all over it: what is near sees more.
+    """
     spheres, triangles, n = geometry.spheres, geometry.triangles, spheres_count(geometry)
     assert spheres is not None
     center, radius = spheres.center[jnp.minimum(index, n - 1)], spheres.radius[jnp.minimum(index, n - 1)]
-    axis = normalize(eye - center)
-    axis = jnp.where(dot(axis, axis) > 0, axis, jnp.zeros_like(axis).at[2].set(1))
-    normal, pdf = towards(axis, u)
-    place, pdf = center + radius * normal, safe_divide(pdf, radius * radius)
+    seen, first, second = u[0] < SEEN, u[0] / SEEN, (u[0] - SEEN) / (1 - SEEN)
+    away = center - eye
+    s2 = safe_divide(radius * radius, dot(away, away))
+    outside = s2 < 1
+    cone = jnp.where(outside, cone_of_sphere(s2), 2)
+    axis = jnp.where(dot(away, away) > 0, normalize(away), jnp.zeros_like(away).at[2].set(1))
+    toward = sample_cone(axis, cone, (jnp.where(seen, first, 0), u[1]))
+    there = surface_point(geometry, Ray(eye, toward), Hit(jnp.minimum(index, n - 1), jnp.ones((), bool)))
+    anywhere = sample_uniform_sphere((jnp.where(seen, 0, jnp.minimum(second, 1)), u[1]))
+    normal = jnp.where(seen, there.normal, anywhere)
+    place = jnp.where(seen, there.position, center + radius * anywhere)
+    line = place - eye
+    squared = dot(line, line)
+    cosine = safe_divide(dot(line, normal), safe_sqrt(squared))
+    shows = ~outside | (cosine < 0)
+    pdf = jnp.where(shows, SEEN * pdf_cone(cone) * safe_divide(jnp.abs(cosine), squared), 0)
+    pdf = pdf + safe_divide((1 - SEEN) / (4 * jnp.pi) * jnp.ones_like(radius), radius * radius)
     if triangles is None:
         return place, normal, pdf
     a, b, c = triangles.corners[jnp.maximum(index - n, 0)]
