@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxrt.boundary.bounced import bounced_edges
+from jaxrt.boundary.caustics import caustic_edges
 from jaxrt.boundary.clearance import EdgeSamples, clearance_of, splat
 from jaxrt.boundary.lines import line_edges
 from jaxrt.boundary.outlines import camera_edges
@@ -33,6 +34,7 @@ def sample_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ..
         *camera_edges(scene, seed, plan),
         *line_edges(scene, seed, plan),
         *bounced_edges(scene, seed, plan),
+        *caustic_edges(scene, seed, plan),
     )
 
 

@@ -130,8 +130,9 @@ def _view_part(scene: Scene, rays: ViewRays) -> Array:
 def _trail_part(scene: Scene, trail: Trail) -> Array:
     total = jnp.zeros(trail.index.shape, scene.dtype)
     index = trail.index.ravel()
-    if trail.center is not None:
-        assert trail.radius is not None and scene.spheres is not None
+    # Paths end on the spheres that are lights
+    if trail.center is not None and scene.spheres is not None:
+        assert trail.radius is not None
         row = jnp.clip(index, 0, scene.spheres.radius.shape[0] - 1)
         table = jnp.concatenate([scene.spheres.center, scene.spheres.radius[:, None]], -1)
         factors = jnp.concatenate([trail.center, trail.radius[..., None]], -1)

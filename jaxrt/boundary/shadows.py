@@ -17,7 +17,7 @@ from jax import Array, lax
 from jaxrt.boundary.clearance import Anchors, EdgeSamples, LightPoints, ViewRays
 from jaxrt.boundary.guiding import Draw, place, sample_guided
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, edge_table, rim_at
-from jaxrt.boundary.trail import path_through, trail_of
+from jaxrt.boundary.trail import Vertex, one_of, trail_from
 from jaxrt.cameras import Projection, projection
 from jaxrt.core.maths import cross, dot, face_forward, normalize, safe_divide, safe_sqrt, unit_roundoff
 from jaxrt.core.pytree import pytree
@@ -41,6 +41,7 @@ BEYOND = 1e-3  # a receiver is farther than the outline by this share of its dis
 LOBE = 0.9  # share of light points drawn by the cosine to the outline; the others are uniform
 FEW_ROWS = 512  # outlines up to this number are cut into BINS bins each
 BINS = 8
+LAST = 1 - 2.0**-24  # number of the last of what glass may do, which is to let light through
 GRAZING = 1e-4  # smallest cosine between camera ray and receiver
 
 
@@ -83,17 +84,6 @@ class Carrier:
     flux: Array  # (3,)
 
 
-@pytree
-class Vertex:
-    """A point that a line source's light arrives at."""
-
-    point: SurfacePoint
-    index: Array  # () int32 primitive
-    view: Projection
-    pixel: Array  # () int32, beyond the picture where the camera does not see it
-    weight: Array  # (3,)
-
-
 def shadow_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
     """Return samples of the edges of shadows; none where nothing can cast or show one.
 
@@ -111,7 +101,7 @@ def shadow_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ..
     bins = bins_for(outlines.rows)
     faces = scene.triangles.faces if scene.triangles is not None and plan.geometry_moves else None
     operands = ShadowTables(tables, outlines, faces)
-    weights = _weights(tables, outlines, bins)
+    weights = shadow_weights(tables, outlines, bins)
     return sample_guided(partial(_sample, plan, bins), operands, weights, plan.n, seed, plan.devices)
 
 
@@ -120,7 +110,7 @@ def bins_for(rows: int) -> int:
     return BINS if rows <= FEW_ROWS else 1
 
 
-def _weights(tables: Tables, outlines: Silhouettes, bins: int) -> Array:
+def shadow_weights(tables: Tables, outlines: Silhouettes, bins: int) -> Array:
     """Return weights (lights · rows · bins,): the angle that each bin spans times the light's power."""
     assert tables.lights is not None
     places, radii, powers = casters_of(tables.lights.lights)
@@ -146,13 +136,13 @@ def _sample(plan: Plan, bins: int, operands: ShadowTables, draw: Draw) -> tuple[
     light, rest = placed.bin // (outlines.rows * bins), placed.bin % (outlines.rows * bins)
     row = rest // bins
     t = ((rest % bins).astype(placed.t.dtype) + placed.t) / bins
-    source = once(_light_point)(tables.lights, outlines, light, row, t, draw.spread)
+    source = once(light_point)(tables.lights, outlines, light, row, t, draw.spread)
     rim = once(partial(rim_at, creases=False))(outlines, row, t, source.position)
     source = _shone(tables.lights.lights, light, source, rim)
     density = placed.density * bins * draw.total
-    carrier = once(_carrier)(source, rim, density)
+    carrier = once(carrier_past)(source, rim, density)
     # Follow its light
-    walk = partial(_vertex, tables, draw)
+    walk = partial(vertex, tables, draw, False)
     _, vertices = lax.scan(walk, carrier, jnp.arange(plan.max_depth, dtype=jnp.int32))
     receiver = jax.tree.map(lambda x: x[0], vertices)
     choice = independent(draw.stream, 0)[0].astype(t.dtype) if plan.geometry_moves else None
@@ -162,7 +152,7 @@ def _sample(plan: Plan, bins: int, operands: ShadowTables, draw: Draw) -> tuple[
     return samples, measure
 
 
-def _light_point(
+def light_point(
     table: LightTable,
     outlines: Silhouettes,
     light: Array,
@@ -179,6 +169,15 @@ def _light_point(
         return LightPoint(center, jnp.zeros_like(center), center, intensity)
     axis = normalize(_middle(outlines, row, t) - center)
     axis = jnp.where(dot(axis, axis) > 0, axis, jnp.zeros_like(axis).at[2].set(1))
+    omega, pdf = towards(axis, u)
+    radius = radii[light]
+    position = center + radius * omega
+    rounding = 32 * unit_roundoff(center) * (jnp.sum(jnp.abs(center)) + radius)
+    return LightPoint(position, omega, position + rounding * omega, intensity / pdf)
+
+
+def towards(axis: Array, u: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return a unit direction, likelier the nearer it is to an axis, and its density per steradian."""
     u0 = u[0] / LOBE, (u[0] - LOBE) / (1 - LOBE)
     lobe = u[0] < LOBE
     omega = jnp.where(
@@ -186,11 +185,7 @@ def _light_point(
         sample_cosine_hemisphere(axis, (jnp.where(lobe, u0[0], 0), u[1])),
         sample_uniform_sphere((jnp.where(lobe, 0, jnp.minimum(u0[1], 1)), u[1])),
     )
-    pdf = LOBE * pdf_cosine_hemisphere(dot(omega, axis)) + (1 - LOBE) * pdf_uniform_sphere()
-    radius = radii[light]
-    position = center + radius * omega
-    rounding = 32 * unit_roundoff(center) * (jnp.sum(jnp.abs(center)) + radius)
-    return LightPoint(position, omega, position + rounding * omega, intensity / pdf)
+    return omega, LOBE * pdf_cosine_hemisphere(dot(omega, axis)) + (1 - LOBE) * pdf_uniform_sphere()
 
 
 def _shone(lights: Lights, light: Array, source: LightPoint, rim: Rim) -> LightPoint:
@@ -214,7 +209,7 @@ def _middle(outlines: Silhouettes, row: Array, t: Array) -> Array:
     return points[0] if len(points) == 1 else jnp.where(row < n, points[0], points[1])
 
 
-def _carrier(source: LightPoint, rim: Rim, density: Array) -> Carrier:
+def carrier_past(source: LightPoint, rim: Rim, density: Array) -> Carrier:
     """Return the light that sets out past an outline, per unit of clearance and of the samples' density."""
     line = normalize(rim.point - source.position)
     shine = source.shine
@@ -227,8 +222,11 @@ def _carrier(source: LightPoint, rim: Rim, density: Array) -> Carrier:
     return Carrier(Ray(source.start, probe), Ray(source.start, line), rim.distance * (1 + BEYOND), flux)
 
 
-def _vertex(tables: Tables, draw: Draw, carrier: Carrier, k: Array) -> tuple[Carrier, Vertex]:
-    """Return the light one surface on, and the vertex there. k: () 0 for the shadow's own receiver."""
+def vertex(tables: Tables, draw: Draw, bent: bool, carrier: Carrier, k: Array) -> tuple[Carrier, Vertex]:
+    """Return the light one surface on, and the vertex there. k: () its number, from 0.
+
+    bent: whether the first surface must be a mirror or glass; else it must not, for light samples do not light these.
+    """
     hit = once(find)(tables.geometry, carrier.probe)
     point = once(surface_point)(tables.geometry, carrier.ray, hit)
     travelled = dot(point.position - carrier.ray.origin, carrier.ray.direction)
@@ -237,15 +235,14 @@ def _vertex(tables: Tables, draw: Draw, carrier: Carrier, k: Array) -> tuple[Car
     _, _, *u = (x.astype(wo.dtype) for x in independent(draw.stream, k + 1))
     scattering = once(scatter)(tables.materials, point, wo, (u[0], u[1]))
     arriving = carrier.flux * _tilt(point, wo)
+    passes = arrived & ((scattering.specular if bent else scattering.lit) | (k > 0))
     # Show it to the camera
     view, share = once(_connect)(tables, point, face_forward(point.shading, wo))
-    shown = arrived & scattering.lit & (share > 0)
+    shown = passes & scattering.lit & (share > 0)
     weight = jnp.where(shown, _toward_camera(tables, point, wo, scattering, arriving, share), 0)
     pixel = jnp.where(shown, view.pixel, tables.camera.width * tables.camera.height)
-    # Only these surfaces receive light from light samples
-    passes = arrived & (scattering.lit | (k > 0))
     leaving = safe_divide(jnp.ones_like(arriving), _tilt(point, scattering.direction) * jnp.ones_like(arriving))
-    flux = jnp.where(passes, jnp.where(scattering.lit, arriving * leaving, carrier.flux) * scattering.weight, 0)
+    flux = jnp.where(passes, arriving * leaving * _power_kept(tables, point, wo, scattering), 0)
     ray = once(leave)(point, scattering.direction)
     return Carrier(ray, ray, jnp.zeros_like(carrier.least), flux), Vertex(point, hit.index, view, pixel, weight)
 
@@ -263,6 +260,21 @@ def _toward_camera(
     value = once(evaluate)(tables.materials, point, eye, wo)[0]
     cosine = jnp.abs(dot(point.shading, wo)) * jnp.ones_like(value)
     return jnp.where(scattering.glossy, arriving * safe_divide(value, cosine) * share, sent)
+
+
+def _power_kept(tables: Tables, point: SurfacePoint, wo: Array, scattering: Scattering) -> Array:
+    """Return the share (3,) of the light from `wo` that goes on, over the density of its direction.
+
+    Radiance changes by the square of the index, power does not: the weights of both ways, of which one brings what the
+    other takes, have its square for a product (Veach 1997, §5.2).
+    """
+    if not any(kind.is_delta and kind.transmits for kind in tables.materials.kinds):
+        return scattering.weight
+    through = dot(point.shading, wo) * dot(point.shading, scattering.direction) < 0
+    lobe = jnp.where(through, LAST, 0).astype(wo.dtype)
+    back = once(scatter)(tables.materials, point, scattering.direction, (lobe, lobe)).weight
+    squared = jnp.where(scattering.specular, scattering.weight * back, 1)
+    return jnp.where(scattering.specular, safe_sqrt(squared), scattering.weight)
 
 
 def _tilt(point: SurfacePoint, direction: Array) -> Array:
@@ -321,16 +333,10 @@ def _edge_samples(
     first = EdgeSamples(vertices.pixel[:1], vertices.weight[:1], moving, view, (anchors, occluder))
     if plan.max_depth == 1 or choice is None:
         return (first,)
-    # One of the later vertices, by what it brings, stands for all
-    sums = jnp.cumsum(jnp.sum(vertices.weight[1:], -1))
-    chosen = 1 + jnp.minimum(jnp.sum(sums <= choice * sums[-1]), plan.max_depth - 2).astype(jnp.int32)
-    pixel, weight, image = vertices.pixel[chosen], vertices.weight[chosen], vertices.view.image[chosen]
-    weight = weight * safe_divide(sums[-1], jnp.sum(weight))
-    order = jnp.maximum(chosen - jnp.arange(plan.max_depth), 0)
-    turns = path_through(operands.tables, vertices.point.position[order], vertices.index[order])
-    factor = jnp.where(jnp.sum(weight) > 0, s * rim.normal, 0)
-    view, trail = trail_of(operands.tables, turns, chosen, Ray(factor, jnp.zeros_like(factor)), image)
-    return first, EdgeSamples(pixel[None], weight[None], moving, view, (occluder,), trail)
+    shown, chosen = one_of(vertices, choice)
+    factor = s * rim.normal
+    view, trail = trail_from(operands.tables, vertices, shown, chosen, Ray(factor, jnp.zeros_like(factor)), None)
+    return first, EdgeSamples(shown.pixel[None], shown.weight[None], moving, view, (occluder,), trail)
 
 
 def _attached(operands: ShadowTables, receiver: Vertex, factor: Array) -> tuple[ViewRays, Anchors]:

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.boundary.clearance import Bends, Trail, ViewRays
-from jaxrt.cameras import View
-from jaxrt.core.maths import dot, face_forward, grad_only, normalize, safe_sqrt
+from jaxrt.cameras import Projection, View
+from jaxrt.core.maths import dot, face_forward, grad_only, normalize, safe_divide, safe_sqrt
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.core.sampling import numbers_of_direction
@@ -33,6 +33,17 @@ class Turn:
     ray: Ray
     index: Array  # () int32 primitive
     numbers: tuple[Array, Array]
+
+
+@pytree
+class Vertex:
+    """A point that a line source's light arrives at."""
+
+    point: SurfacePoint
+    index: Array  # () int32 primitive
+    view: Projection
+    pixel: Array  # () int32, beyond the picture where the camera does not see it
+    weight: Array  # (3,)
 
 
 @pytree
@@ -153,11 +164,42 @@ def trail_of(tables: Tables, turns: Turn, last: Array, change: Ray, image: Array
     return view_rays(tables, image, change), trail
 
 
-def path_through(tables: Tables, points: Array, index: Array) -> Turn:
-    """Return the events (k,) of a path from the camera that meets primitives (k,) at points (k, 3), in this order."""
+def path_through(tables: Tables, points: Array, index: Array, last: tuple[Array, Array] | None = None) -> Turn:
+    """Return the events (k,) of a path from the camera that meets primitives (k,) at points (k, 3), in this order.
+
+    last: the number () of its last event, and the place (3,) to which it goes from there.
+    """
     source = jnp.concatenate([tables.camera.position[None], points[:-1]])
     beyond = jnp.concatenate([points[1:], points[-1:]])
+    if last is not None:
+        beyond = jnp.where((jnp.arange(index.shape[0]) == last[0])[:, None], last[1][None], beyond)
     return jax.vmap(once(partial(_turn, tables)))(source, points, index, beyond)
+
+
+def one_of(vertices: Vertex, choice: Array) -> tuple[Vertex, Array]:
+    """Return one of the vertices after the first, and its number: taken by what it brings, it stands for all.
+
+    choice: () in [0, 1).
+    """
+    sums = jnp.cumsum(jnp.sum(vertices.weight[1:], -1))
+    number = 1 + jnp.minimum(jnp.sum(sums <= choice * sums[-1]), sums.shape[0] - 1).astype(jnp.int32)
+    one = jax.tree.map(lambda x: x[number], vertices)
+    return replace(one, weight=one.weight * safe_divide(sums[-1], jnp.sum(one.weight))), number
+
+
+def trail_from(
+    tables: Tables, vertices: Vertex, shown: Vertex, number: Array, change: Ray, end: Array | None
+) -> tuple[ViewRays, Trail]:
+    """Return what `change`·r depends on, r being the ray from the first vertex to `end` of a path that began there.
+
+    It is the path that the camera sees begin at vertex `number`, which is `shown`. end: (3,), of no matter where only
+    the ray's origin counts.
+    """
+    order = jnp.maximum(number - jnp.arange(vertices.index.shape[0]), 0)
+    last = None if end is None else (number, end)
+    turns = path_through(tables, vertices.point.position[order], vertices.index[order], last)
+    brings = jnp.sum(shown.weight) > 0
+    return trail_of(tables, turns, number, jax.tree.map(lambda x: jnp.where(brings, x, 0), change), shown.view.image)
 
 
 def _turn(tables: Tables, source: Array, place: Array, index: Array, beyond: Array) -> Turn:
