@@ -20,6 +20,8 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import DTypeLike
 
+from jaxrt.boundary.clearance import EdgeSamples, LightPoints
+from jaxrt.boundary.guiding import LANES, Draw, Placed, place, sample_guided
 from jaxrt.boundary.lines.between import Place, distances, may_cross, place_between
 from jaxrt.boundary.lines.chains import (
     ENDED,
@@ -34,8 +36,6 @@ from jaxrt.boundary.lines.chains import (
     lamp_middle,
     sent_by,
 )
-from jaxrt.boundary.clearance import EdgeSamples, LightPoints
-from jaxrt.boundary.guiding import LANES, Draw, Placed, place, sample_guided
 from jaxrt.boundary.shadows import Plan, surface_anchors
 from jaxrt.boundary.trail import central_ray, trail_of, view_rays
 from jaxrt.cameras import View
@@ -116,7 +116,7 @@ def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]
     tables = tables_of(scene)
     faces = scene.triangles.faces if scene.triangles is not None and plan.geometry_moves else None
     operands = LineTables(tables, faces)
-    seed = seed ^ jnp.uint32(4)
+    seed = seed ^ jnp.uint32(8)
     weights = _weights(plan, tables, seed)
 
     def sampled(weights: Array) -> EdgeSamples:
@@ -171,12 +171,11 @@ def _seems_to_end(plan: Plan, tables: Tables, seed: Array, pixel: Array) -> Arra
     stream = Stream(jnp.uint32(0), pixel.astype(jnp.uint32), seed, jnp.uint32(camera.width * camera.height))
     shift = independent(Stream(jnp.uint32(0), jnp.uint32(0), seed, jnp.uint32(1)), 0)
     corner = jnp.stack([pixel % camera.width, pixel // camera.width]).astype(dtype) + jnp.stack(shift[:2]).astype(dtype)
-    numbers = _numbers(stream, dtype)
-    lamp = once(lamp_middle)(tables, numbers(0)) if _has_shadows(tables) else None
+    lamp = once(lamp_middle)(tables, _numbers(stream, dtype)(0)) if _has_shadows(tables) else None
 
     def look(i: Array) -> Look:
         """Look here, one pixel to the right, or one down."""
-        return _look(plan, tables, _line(corner, i < 2), jnp.minimum(i, 1).astype(dtype), numbers, lamp)
+        return _look(plan, tables, _line(corner, i < 2), jnp.minimum(i, 1).astype(dtype), stream, lamp)
 
     looks = lax.map(look, jnp.arange(3))
 
@@ -195,9 +194,10 @@ def _numbers(stream: Stream, dtype: DTypeLike) -> Numbers:
     return numbers
 
 
-def _look(plan: Plan, tables: Tables, line: Line, place: Array, numbers: Numbers, lamp: Lamp | None) -> Look:
+def _look(plan: Plan, tables: Tables, line: Line, place: Array, stream: Stream, lamp: Lamp | None) -> Look:
     """Return what is seen at a place of a line."""
-    chain = chain_from(tables, _ray(tables.camera, line, place), numbers, _length(plan, tables))
+    ray = once(_ray)(tables.camera, line, place)
+    chain = chain_from(tables, ray, _numbers(stream, place.dtype), _length(plan, tables))
     return Look(place, chain, _is_lit(tables, chain, lamp))
 
 
@@ -230,15 +230,15 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, 
     camera = tables.camera
     placed = once(place)(draw)
     line, numbers = _line_through(camera, placed), _numbers(draw.stream, placed.t.dtype)
-    search = _search(plan, tables, line, numbers)
+    search = _search(plan, tables, line, draw.stream)
     looks, lamp = jax.tree.map(lambda *x: jnp.stack(x), *search.ends), search.lamp
-    edge = _edge(plan, tables, line, search, looks)
+    edge = once(partial(_edge, plan))(tables, line, search, looks)
     # Both use the same random numbers, so that equal surfaces cancel
     rays = jax.vmap(partial(_ray, camera, line))(looks.place)
     light = lax.map(lambda ray: radiance(tables, ray, numbers, plan.max_depth, False), rays)
     jump = light[1] - light[0]
     if lamp is not None:
-        sent = sent_by(tables, search.ends[0].chain, lamp)
+        sent = once(sent_by)(tables, search.ends[0].chain, lamp)
         jump = jnp.where(edge.is_shadow, jnp.where(looks.lit[1], sent, -sent), jump)
     # How it moves with the image point, and with all else
     image = line.start + looks.place[0] * line.along
@@ -248,7 +248,7 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, 
         view, trail = trail_of(tables, search.ends[0].chain.turns, edge.event, change, image)
     else:
         view = view_rays(tables, image, change)
-    across, down = _slopes(camera, image, view.toward)
+    across, down = once(_slopes)(camera, image, view.toward)
     steep = jnp.where(line.along[0] > 0, across, down)
     density = placed.density * draw.total / 2
     seen = edge.valid & (density > 0)
@@ -260,7 +260,7 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, 
     for i in range(2):
         point = edge.place.position[i], edge.place.normal[i]
         factor = jnp.where(seen, edge.place.factor[i], 0)
-        anchors.append(surface_anchors(tables.geometry, operands.faces, edge.place.index[i], point, factor))
+        anchors.append(once(surface_anchors)(tables.geometry, operands.faces, edge.place.index[i], point, factor))
     lights = LightPoints(lamp.light, lamp.omega, jnp.where(seen, edge.light, 0)) if lamp and plan.lights_move else None
     moves = (view, trail) if plan.geometry_moves else (None, None)
     samples = EdgeSamples(pixel[None], weight[None], lights, moves[0], tuple(anchors), moves[1])
@@ -336,27 +336,29 @@ def _ray(camera: View, line: Line, s: Array) -> Ray:
     return central_ray(camera, image[0], image[1])
 
 
-def _search(plan: Plan, tables: Tables, line: Line, numbers: Numbers) -> Search:
+def _search(plan: Plan, tables: Tables, line: Line, stream: Stream) -> Search:
     """Return two places of a line that differ and are close: of several such pairs one by chance."""
-    coins = numbers(0)[0]
+    numbers = _numbers(stream, line.start.dtype)(0)
+    coins = numbers[0]
     steps = STEPS if tables.materials.are_delta else 1
 
     def step(i: Array, search: Search) -> Search:
         scanned = i <= steps
         low, high = (look.place for look in search.ends)
         place = jnp.where(scanned, i.astype(coins.dtype) / steps, (low + high) / 2)
-        look = _look(plan, tables, line, place, numbers, None)
+        look = _look(plan, tables, line, place, stream, None)
         lamp = search.lamp
         if lamp is not None:
             end = end_of(tables, look.chain)[0].position
-            lamp = _where(i == 0, once(lamp_for)(tables, end, numbers(0)), lamp)
+            lamp = _where(i == 0, once(lamp_for)(tables, end, numbers), lamp)
             look = replace(look, lit=_is_lit(tables, look.chain, lamp))
-        new = _where(scanned, _chosen(tables, line, search, look, i > 0), _halved(search, look))
+        chosen = once(_chosen)(tables, line, search, look, i > 0)
+        new = once(_where)(scanned, chosen, once(_halved)(search, look))
         return replace(new, lamp=lamp)
 
     def blank() -> Search:
-        look = _look(plan, tables, line, coins, numbers, None)
-        lamp = lamp_for(tables, look.chain.weight, numbers(0)) if _has_shadows(tables) else None
+        look = _look(plan, tables, line, coins, stream, None)
+        lamp = lamp_for(tables, look.chain.weight, numbers) if _has_shadows(tables) else None
         return Search(lamp, look, (look, look), coins, coins, coins, coins)
 
     nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(blank))
