@@ -25,7 +25,6 @@ from jaxrt.shapes.sphere import SphereTable
 from jaxrt.shapes.triangle import corner_table
 from jaxrt.transport.path import Tables
 
-
 ONWARD = 1e-4  # of a path's segment, more than the rounding of where it begins
 
 
