@@ -25,6 +25,8 @@ from jaxrt.shapes.sphere import SphereTable
 from jaxrt.shapes.triangle import corner_table
 from jaxrt.transport.path import Tables
 
+ONWARD = 1e-4  # of a path's segment, more than the rounding of where it begins
+
 
 @pytree
 class Turn:
@@ -204,7 +206,8 @@ def trail_from(
 
 def _turn(tables: Tables, source: Array, place: Array, index: Array, beyond: Array) -> Turn:
     """Return the event at a place on a path from somewhere to somewhere."""
-    ray, onward = Ray(source, normalize(place - source)), normalize(beyond - place)
+    # A little on the way: from inside a ball to its other side, not to where it is
+    ray, onward = Ray(source + ONWARD * (place - source), normalize(place - source)), normalize(beyond - place)
     point = surface_point(tables.geometry, ray, Hit(index, jnp.ones((), bool)))
     u0, u1 = numbers_of_direction(face_forward(point.shading, -ray.direction), onward)
     # Glass reflects for small numbers
