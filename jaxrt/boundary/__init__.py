@@ -18,9 +18,11 @@ from jaxrt.boundary.clearance import EdgeSamples, clearance_of, splat
 from jaxrt.boundary.lines import line_edges
 from jaxrt.boundary.outlines import camera_edges
 from jaxrt.boundary.shadows import Plan, shadow_edges
+from jaxrt.boundary.trail import with_trails
 from jaxrt.kernels.native import as_operand
 from jaxrt.kernels.sealed import sealed
 from jaxrt.scene import Scene
+from jaxrt.transport.path import tables_of
 
 __all__ = ["EdgeSamples", "Plan", "clearance_of", "edge_tangent", "sample_edges", "splat"]
 
@@ -29,13 +31,9 @@ __all__ = ["EdgeSamples", "Plan", "clearance_of", "edge_tangent", "sample_edges"
 def sample_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
     """Return samples of all edges that move. seed: () uint32."""
     scene = as_operand(scene)
-    return (
-        *shadow_edges(scene, seed, plan),
-        *camera_edges(scene, seed, plan),
-        *line_edges(scene, seed, plan),
-        *bounced_edges(scene, seed, plan),
-        *caustic_edges(scene, seed, plan),
-    )
+    samplers = shadow_edges, camera_edges, line_edges, bounced_edges, caustic_edges
+    groups = [samples for sampler in samplers for samples in sampler(scene, seed, plan)]
+    return tuple(with_trails(tables_of(scene), groups, plan.geometry_moves, plan.devices))
 
 
 def edge_tangent(scene: Scene, tangent: Any, seed: Array, plan: Plan) -> Array:

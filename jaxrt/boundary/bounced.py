@@ -12,13 +12,13 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.boundary.clearance import EdgeSamples
+from jaxrt.boundary.clearance import EdgeSamples, Path, Turn
 from jaxrt.boundary.guiding import Draw, place, sample_guided
 from jaxrt.boundary.lookouts import Lookouts, lookouts_at, points_seen
 from jaxrt.boundary.outlines import LIGHTS_ONLY, both_sides
 from jaxrt.boundary.shadows import Plan, occluder_anchors
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, edge_table, rim_at
-from jaxrt.boundary.trail import Turn, central_ray, reach_of, trail_of
+from jaxrt.boundary.trail import central_ray
 from jaxrt.core.maths import dot, face_forward, normalize, safe_divide
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Hit, Ray, SurfacePoint
@@ -119,9 +119,8 @@ def _sample(plan: Plan, events: int, operands: BouncedTables, draw: Draw) -> tup
     factor = jnp.where(seen, grazing.rim.normal, 0)
     change = Ray(factor, grazing.rim.distance * factor)
     turns = _aimed(arrivals.turn, last, once(numbers_of_direction)(facing, direction))
-    rays, trail = trail_of(tables, turns, last, change, jnp.stack([x, y]))
-    samples = EdgeSamples(pixel[None], weight[None], None, rays, (anchors,), trail)
-    return samples, jnp.sum(jnp.abs(weight)) * (1 + reach_of(trail))
+    path = Path(turns, last, change, jnp.stack([x, y]))
+    return EdgeSamples(pixel[None], weight[None], None, None, (anchors,), path=path), jnp.sum(jnp.abs(weight))
 
 
 def _path(tables: Tables, ray: Ray, stream: Stream, events: int) -> Arrival:

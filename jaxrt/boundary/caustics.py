@@ -27,7 +27,7 @@ from jaxrt.boundary.shadows import (
     vertex,
 )
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, edge_table, rim_at
-from jaxrt.boundary.trail import one_of, reach_of, spheres_count, trail_from
+from jaxrt.boundary.trail import one_of, path_from, spheres_count
 from jaxrt.core.maths import cross, dot, normalize, safe_divide, safe_sqrt, unit_roundoff
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Hit, Ray, SurfacePoint
@@ -255,6 +255,6 @@ def _followed(plan: Plan, operands: CausticTables, draw: Draw, light: Grazing) -
     shown, number = one_of(vertices, choice)
     away = rim.point - vertices.point.position[0]
     change = Ray(rim.normal, safe_sqrt(dot(away, away)) * rim.normal)
-    view, trail = trail_from(tables, vertices, shown, number, change, rim.point)
-    samples = EdgeSamples(shown.pixel[None], light.sign * shown.weight[None], None, view, (anchors,), trail)
-    return samples, measure * (1 + reach_of(trail))
+    path = path_from(tables, vertices, shown, number, change, rim.point)
+    samples = EdgeSamples(shown.pixel[None], light.sign * shown.weight[None], None, None, (anchors,), path=path)
+    return samples, measure

@@ -22,6 +22,7 @@ from jax import Array, lax
 
 from jaxrt.cameras import view_of
 from jaxrt.core.pytree import dtype_of, pytree
+from jaxrt.core.records import Ray
 from jaxrt.lights import Lights, casters_of
 from jaxrt.materials import Materials
 from jaxrt.scene import Scene
@@ -81,6 +82,26 @@ class Trail:
 
 
 @pytree
+class Turn:
+    """One event of a path: the ray that arrives, what it meets, and the two numbers by which it goes on."""
+
+    ray: Ray
+    index: Array  # () int32 primitive
+    numbers: tuple[Array, Array]
+
+
+@pytree
+class Path:
+    """A path from the camera, by whose last ray, or last point, something is cleared."""
+
+    turns: Turn  # (k,) events
+    last: Array  # () int32 number of the event, from 0, that the ray leaves; −1: the camera
+    change: Ray  # factors of the ray's origin and direction in F
+    image: Array  # (2,) where the path begins
+    along: Array | None = None  # (2,) a direction in the picture by whose slope of F the weight is yet to be measured
+
+
+@pytree
 class EdgeSamples:
     """Samples of moving edges. Each adds weight · dF to its pixels; what cannot move is None."""
 
@@ -90,6 +111,7 @@ class EdgeSamples:
     view: ViewRays | None
     anchors: tuple[Anchors, ...]
     trail: Trail | None = None
+    path: Path | None = None  # (m,) from which view and trail are yet to be found
 
 
 def clearance_of(scene: Scene, samples: EdgeSamples) -> Array:

@@ -17,7 +17,7 @@ from jax import Array, lax
 from jaxrt.boundary.clearance import Anchors, EdgeSamples, LightPoints, ViewRays
 from jaxrt.boundary.guiding import Draw, place, sample_guided
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, edge_table, rim_at
-from jaxrt.boundary.trail import Vertex, one_of, trail_from
+from jaxrt.boundary.trail import Vertex, one_of, path_from
 from jaxrt.cameras import Projection, projection
 from jaxrt.core.maths import cross, dot, face_forward, normalize, safe_divide, safe_sqrt, unit_roundoff
 from jaxrt.core.pytree import pytree
@@ -335,8 +335,8 @@ def _edge_samples(
         return (first,)
     shown, chosen = one_of(vertices, choice)
     factor = s * rim.normal
-    view, trail = trail_from(operands.tables, vertices, shown, chosen, Ray(factor, jnp.zeros_like(factor)), None)
-    return first, EdgeSamples(shown.pixel[None], shown.weight[None], moving, view, (occluder,), trail)
+    path = path_from(operands.tables, vertices, shown, chosen, Ray(factor, jnp.zeros_like(factor)), None)
+    return first, EdgeSamples(shown.pixel[None], shown.weight[None], moving, None, (occluder,), path=path)
 
 
 def _attached(operands: ShadowTables, receiver: Vertex, factor: Array) -> tuple[ViewRays, Anchors]:

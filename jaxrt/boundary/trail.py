@@ -4,6 +4,7 @@ The clearance of a path's last ray, or last point, is a number; what it changes 
 found backwards, event by event, without reading more of the scene than the surface of each event.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -12,13 +13,14 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.boundary.clearance import Bends, Trail, ViewRays
+from jaxrt.boundary.clearance import Bends, EdgeSamples, Path, Trail, Turn, ViewRays
+from jaxrt.boundary.guiding import LANES
 from jaxrt.cameras import Projection, View
-from jaxrt.core.maths import dot, face_forward, grad_only, normalize, safe_divide, safe_sqrt
+from jaxrt.core.maths import dot, face_forward, grad_only, normalize, safe_divide
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.core.sampling import numbers_of_direction
-from jaxrt.kernels.native import once
+from jaxrt.kernels.native import map_packets, on_devices, once
 from jaxrt.materials import Materials, scatter, single
 from jaxrt.shapes import Geometry, leave, surface_point
 from jaxrt.shapes.sphere import SphereTable
@@ -26,15 +28,6 @@ from jaxrt.shapes.triangle import corner_table
 from jaxrt.transport.path import Tables
 
 ONWARD = 1e-4  # of a path's segment, more than the rounding of where it begins
-
-
-@pytree
-class Turn:
-    """One event of a path: the ray that arrives, what it meets, and the two numbers by which it goes on."""
-
-    ray: Ray
-    index: Array  # () int32 primitive
-    numbers: tuple[Array, Array]
 
 
 @pytree
@@ -147,23 +140,79 @@ def _sphere(table: SphereTable, row: Array, center: Array, radius: Array) -> Sph
     return jax.tree.map(lambda x: x[None], moving)
 
 
-def trail_of(tables: Tables, turns: Turn, last: Array, change: Ray, image: Array) -> tuple[ViewRays, Trail]:
-    """Return what `change`·r depends on, r being the ray that leaves event number `last` (from 0) of a path.
+def with_trails(
+    tables: Tables, groups: Sequence[EdgeSamples], shapes_move: bool, devices: tuple[jax.Device, ...]
+) -> list[EdgeSamples]:
+    """Return the samples with what their paths move with: of all groups in one kernel, for it is a large one."""
+    waiting = [samples.path for samples in groups if samples.path is not None]
+    if not waiting:
+        return list(groups)
+    events = max(path.turns.index.shape[1] for path in waiting)
+    paths = jax.tree.map(lambda *x: jnp.concatenate(x), *(_plain(path, events) for path in waiting))
+    count = paths.last.shape[0] // LANES
 
-    turns: (k,) the path's events. image: (2,) where the path begins. All is 0, whatever the path, where `change` is.
-    """
-    wanted = jnp.any(change.origin != 0)
+    def one_packet(operands: tuple[Tables, Path], packet: Array) -> tuple[ViewRays, Trail | None]:
+        tables, paths = operands
+        lanes = jax.tree.map(lambda x: x.reshape(count, LANES, *x.shape[1:])[packet], paths)
+        return jax.vmap(partial(trail_of, tables, shapes_move=shapes_move))(lanes)
 
-    def back(change: Ray, event: tuple[Array, Turn]) -> tuple[Ray, Trail]:
+    def on_device(operands: tuple[Tables, Path], packets: Array) -> Any:
+        return jax.tree.map(lambda x: x[None], map_packets(one_packet, operands, packets[0]))
+
+    found = on_devices(on_device, (tables, paths), count, devices)
+    found = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1).reshape(-1, *x.shape[3:])[: count * LANES], found)
+    done, start = [], 0
+    for samples in groups:
+        if samples.path is None:
+            done.append(samples)
+            continue
+        end = start + samples.path.last.shape[0]
+        view, trail = jax.tree.map(lambda x, start=start, end=end: x[start:end], found)
+        weight = samples.weight
+        if samples.path.along is not None:
+            weight = weight * jax.vmap(partial(_steepness, tables.camera))(view, samples.path.along)[:, None, None]
+        moves = (view, trail) if shapes_move else (None, None)
+        done.append(replace(samples, weight=weight, view=moves[0], trail=moves[1], path=None))
+        start = end
+    return done
+
+
+def _plain(path: Path, events: int) -> Path:
+    """Return the paths with so many events: those beyond the last are of no matter."""
+    short = events - path.turns.index.shape[1]
+    turns = jax.tree.map(lambda x: jnp.pad(x, [(0, 0), (0, short), *[(0, 0)] * (x.ndim - 2)]), path.turns)
+    return replace(path, turns=turns, along=None)
+
+
+def _steepness(camera: View, view: ViewRays, along: Array) -> Array:
+    """Return F_j / (F_x² + F_y²) of the clearance F along a direction j of the picture."""
+
+    def towards(x: Array, y: Array) -> Array:
+        return dot(view.toward, camera.toward((x, y)))
+
+    one, nothing = jnp.ones_like(along[0]), jnp.zeros_like(along[0])
+    slopes = [jax.jvp(towards, (view.image[0], view.image[1]), t)[1] for t in ((one, nothing), (nothing, one))]
+    return safe_divide(along[0] * slopes[0] + along[1] * slopes[1], slopes[0] * slopes[0] + slopes[1] * slopes[1])
+
+
+def trail_of(tables: Tables, path: Path, shapes_move: bool = True) -> tuple[ViewRays, Trail | None]:
+    """Return what the clearance of a path's last ray depends on; all is 0, whatever the path, where the factors are."""
+    wanted = jnp.any(path.change.origin != 0)
+
+    def back(change: Ray, event: tuple[Array, Turn]) -> tuple[Ray, Trail | None]:
         k, turn = event
         trail, before = pull_ray(tables.geometry, tables.materials, turn, change)
         # What comes after is not on the way
-        on_way = wanted & (k <= last)
-        return _where(on_way, before, change), _where(on_way, trail, jax.tree.map(jnp.zeros_like, trail))
+        on_way = wanted & (k <= path.last)
+        factors = _where(on_way, trail, jax.tree.map(jnp.zeros_like, trail)) if shapes_move else None
+        return _where(on_way, before, change), factors
 
-    numbers = jnp.arange(turns.index.shape[0], dtype=jnp.int32)
-    change, trail = lax.scan(back, change, (numbers, turns), reverse=True)
-    return view_rays(tables, image, change), trail
+    events = path.turns.index.shape[0]
+    if events == 0:
+        return view_rays(tables, path.image, path.change), None
+    numbers = jnp.arange(events, dtype=jnp.int32)
+    change, trail = lax.scan(back, path.change, (numbers, path.turns), reverse=True)
+    return view_rays(tables, path.image, change), trail
 
 
 def path_through(tables: Tables, points: Array, index: Array, last: tuple[Array, Array] | None = None) -> Turn:
@@ -189,19 +238,16 @@ def one_of(vertices: Vertex, choice: Array) -> tuple[Vertex, Array]:
     return replace(one, weight=one.weight * safe_divide(sums[-1], jnp.sum(one.weight))), number
 
 
-def trail_from(
-    tables: Tables, vertices: Vertex, shown: Vertex, number: Array, change: Ray, end: Array | None
-) -> tuple[ViewRays, Trail]:
-    """Return what `change`·r depends on, r being the ray from the first vertex to `end` of a path that began there.
+def path_from(tables: Tables, vertices: Vertex, shown: Vertex, number: Array, change: Ray, end: Array | None) -> Path:
+    """Return the path that the camera sees begin at vertex `number`, which is `shown`, and that ends at the first one.
 
-    It is the path that the camera sees begin at vertex `number`, which is `shown`. end: (3,), of no matter where only
-    the ray's origin counts.
+    change: factors of the ray from there to `end`, (3,), of no matter where only the ray's origin counts.
     """
     order = jnp.maximum(number - jnp.arange(vertices.index.shape[0]), 0)
     last = None if end is None else (number, end)
     turns = path_through(tables, vertices.point.position[order], vertices.index[order], last)
     brings = jnp.sum(shown.weight) > 0
-    return trail_of(tables, turns, number, jax.tree.map(lambda x: jnp.where(brings, x, 0), change), shown.view.image)
+    return Path(turns, number, jax.tree.map(lambda x: jnp.where(brings, x, 0), change), shown.view.image)
 
 
 def _turn(tables: Tables, source: Array, place: Array, index: Array, beyond: Array) -> Turn:
@@ -214,12 +260,6 @@ def _turn(tables: Tables, source: Array, place: Array, index: Array, beyond: Arr
     diffuse = point.material < tables.materials.ends[0]
     back = dot(point.shading, ray.direction) * dot(point.shading, onward) < 0
     return Turn(ray, index, (jnp.where(diffuse, u0, jnp.where(back, 0, 1 - 2.0**-24)), u1))
-
-
-def reach_of(trail: Trail) -> Array:
-    """Return by how much the clearance changes, about, where the surfaces of a path move by a unit."""
-    factors = [x for x in (trail.center, trail.corners) if x is not None]
-    return safe_sqrt(jnp.sum(jnp.stack([jnp.sum(x * x) for x in factors])))
 
 
 def view_rays(tables: Tables, image: Array, change: Ray) -> ViewRays:

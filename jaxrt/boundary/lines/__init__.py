@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import DTypeLike
 
-from jaxrt.boundary.clearance import EdgeSamples, LightPoints
+from jaxrt.boundary.clearance import EdgeSamples, LightPoints, Path
 from jaxrt.boundary.guiding import LANES, Draw, Placed, place, sample_guided
 from jaxrt.boundary.lines.between import Place, distances, may_cross, place_between
 from jaxrt.boundary.lines.chains import (
@@ -37,9 +37,9 @@ from jaxrt.boundary.lines.chains import (
     sent_by,
 )
 from jaxrt.boundary.shadows import Plan, surface_anchors
-from jaxrt.boundary.trail import central_ray, trail_of, view_rays
+from jaxrt.boundary.trail import central_ray
 from jaxrt.cameras import View
-from jaxrt.core.maths import FAR, dot, safe_divide, unit_roundoff
+from jaxrt.core.maths import FAR, safe_divide, unit_roundoff
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Ray
 from jaxrt.core.samplers import Stream, independent
@@ -240,30 +240,25 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, 
     if lamp is not None:
         sent = once(sent_by)(tables, search.ends[0].chain, lamp)
         jump = jnp.where(edge.is_shadow, jnp.where(looks.lit[1], sent, -sent), jump)
-    # How it moves with the image point, and with all else
-    image = line.start + looks.place[0] * line.along
-    change = jax.tree.map(lambda x: jnp.where(edge.valid, x, 0), edge.change)
-    trail = None
-    if tables.materials.are_delta:
-        view, trail = trail_of(tables, search.ends[0].chain.turns, edge.event, change, image)
-    else:
-        view = view_rays(tables, image, change)
-    across, down = once(_slopes)(camera, image, view.toward)
-    steep = jnp.where(line.along[0] > 0, across, down)
     density = placed.density * draw.total / 2
     seen = edge.valid & (density > 0)
     odds = search.odds * safe_divide(search.total, search.worth)
-    spread = odds * safe_divide(steep, (across * across + down * down) * density)
-    weight = jnp.where(seen, jump * spread, 0)
+    weight = jnp.where(seen, jump * safe_divide(odds, density), 0)
     pixel = jnp.where(seen, placed.bin, camera.width * camera.height)
+    # How it moves
     anchors = []
     for i in range(2):
         point = edge.place.position[i], edge.place.normal[i]
         factor = jnp.where(seen, edge.place.factor[i], 0)
         anchors.append(once(surface_anchors)(tables.geometry, operands.faces, edge.place.index[i], point, factor))
     lights = LightPoints(lamp.light, lamp.omega, jnp.where(seen, edge.light, 0)) if lamp and plan.lights_move else None
-    moves = (view, trail) if plan.geometry_moves else (None, None)
-    samples = EdgeSamples(pixel[None], weight[None], lights, moves[0], tuple(anchors), moves[1])
+    change = jax.tree.map(lambda x: jnp.where(seen, x, 0), edge.change)
+    image = line.start + looks.place[0] * line.along
+    turns = search.ends[0].chain.turns
+    if not tables.materials.are_delta:
+        turns = jax.tree.map(lambda x: x[:0], turns)
+    path = Path(turns, edge.event, change, image, line.along)
+    samples = EdgeSamples(pixel[None], weight[None], lights, None, tuple(anchors), path=path)
     return samples, jnp.sum(jnp.abs(weight))
 
 
@@ -304,17 +299,6 @@ def _edge(plan: Plan, tables: Tables, line: Line, search: Search, looks: Look) -
         n = 0 if tables.geometry.spheres is None else tables.geometry.spheres.radius.shape[0]
         valid = valid & (is_shadow | jnp.any((met >= tables.first_light) & (met < n)))
     return Edge(found, change, jnp.where(is_shadow, chains.last[0], event - 1), share * found.aside, is_shadow, valid)
-
-
-def _slopes(camera: View, image: Array, factor: Array) -> tuple[Array, Array]:
-    """Return how factor · `toward` changes with the image point's column and row."""
-
-    def towards(x: Array, y: Array) -> Array:
-        return dot(factor, camera.toward((x, y)))
-
-    one, nothing = jnp.ones_like(image[0]), jnp.zeros_like(image[0])
-    across, down = (jax.jvp(towards, (image[0], image[1]), t)[1] for t in ((one, nothing), (nothing, one)))
-    return across, down
 
 
 def _line(start: Array, across: Array) -> Line:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.boundary.trail import Turn
+from jaxrt.boundary.clearance import Turn
 from jaxrt.core.maths import dot, normalize, safe_divide, safe_sqrt
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Hit, Ray, SurfacePoint
