@@ -33,6 +33,7 @@ from jaxrt.transport.path import Tables, Walk, event_at, last_look, tables_of
 TILES = 8  # the picture is divided into so many parts each way, among which a pilot shares the samples
 CANDIDATES = 32  # points of outlines, of which one is taken by how large it looks
 LOOKOUTS = 64
+SHARE = 2  # one of so many boundary samples: each costs as much as several others
 TURNED = 1e-6  # least cosine at which a diffuse surface sees anything
 
 
@@ -81,7 +82,7 @@ def bounced_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, .
     places = _places(tables, seed, events)
     operands = BouncedTables(tables, outlines, lookouts_at(outlines, places, first, creases))
     weights = jnp.ones(events * TILES * TILES, places.dtype)
-    n = plan.n if plan.geometry_moves else -(-plan.n // LIGHTS_ONLY)
+    n = -(-plan.n // (SHARE if plan.geometry_moves else LIGHTS_ONLY))
     sample = partial(_sample, plan, events)
     return (sample_guided(sample, operands, weights, n, seed ^ jnp.uint32(2), plan.devices),)
 
