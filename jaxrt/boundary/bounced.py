@@ -33,7 +33,7 @@ from jaxrt.transport.path import Tables, Walk, event_at, last_look, tables_of
 TILES = 8  # the picture is divided into so many parts each way, among which a pilot shares the samples
 CANDIDATES = 32  # points of outlines, of which one is taken by how large it looks
 LOOKOUTS = 64
-SHARE = 2  # one of so many boundary samples: each costs as much as several others
+SHARE = 3  # one of so many boundary samples: each costs as much as several others
 TURNED = 1e-6  # least cosine at which a diffuse surface sees anything
 
 

@@ -121,7 +121,9 @@ def _run(sample: Sample[Operands], operands: Any, packets: int, devices: tuple[j
         return jax.tree.map(lambda x: x[None], map_packets(one_packet, operands, packets[0]))
 
     results = on_devices(on_device, operands, packets, devices)
-    return jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1).reshape(x.shape[0] * x.shape[1], *x.shape[2:])[:packets], results)
+    return jax.tree.map(
+        lambda x: jnp.swapaxes(x, 0, 1).reshape(x.shape[0] * x.shape[1], *x.shape[2:])[:packets], results
+    )
 
 
 def _draw(guide: Guide, number: Array, seed: Array, k: Array, count: int) -> Draw:

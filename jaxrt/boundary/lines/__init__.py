@@ -125,10 +125,11 @@ def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]
         )
         return found
 
-    # A loop of one turn, or of none where a look at the picture finds nothing: samples would cost much more
-    nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(sampled, weights))
-    some = jnp.any(weights > 0).astype(jnp.int32)
-    return (lax.fori_loop(0, some, lambda *_: sampled(weights), nothing),)
+    def nothing(weights: Array) -> EdgeSamples:
+        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(sampled, weights))
+
+    # Where a look at the picture finds nothing, samples would cost much more than it
+    return (lax.cond(jnp.any(weights > 0), sampled, nothing, weights),)
 
 
 def _length(plan: Plan, tables: Tables) -> int:
