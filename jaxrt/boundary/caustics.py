@@ -168,7 +168,7 @@ def _from_rim(operands: CausticTables, draw: Draw, placed: Placed) -> Grazing:
     rounding = 32 * unit_roundoff(center) * (jnp.sum(jnp.abs(center)) + radius)
     ray = Ray(rim.point + rounding * rim.normal, direction)
     flux = jnp.where(rim.valid, lights.intensity[light] * spread, 0)
-    carrier = Carrier(ray, ray, rim.distance * (1 - BEYOND), flux)
+    carrier = Carrier(ray, ray, rim.distance * (1 - BEYOND), flux, jnp.zeros_like(flux))
     # Outside there is no light
     return Grazing(carrier, row, t, rim, jnp.zeros_like(flux), -jnp.ones_like(radius))
 

@@ -82,6 +82,7 @@ class Carrier:
     ray: Ray  # tells where on it the light arrives
     least: Array  # () distance that it has to travel
     flux: Array  # (3,)
+    aside: Array  # (3,) towards the shadow, as a share of the distance to where the camera is to see it; 0: on its edge
 
 
 def shadow_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
@@ -219,7 +220,8 @@ def carrier_past(source: LightPoint, rim: Rim, density: Array) -> Carrier:
     spread = safe_divide(rim.jacobian, rim.distance * rim.distance * density)
     flux = jnp.where(ok, shine * spread, 0)
     probe = normalize(rim.point + NUDGE * rim.distance * rim.normal - source.start)
-    return Carrier(Ray(source.start, probe), Ray(source.start, line), rim.distance * (1 + BEYOND), flux)
+    rays = Ray(source.start, probe), Ray(source.start, line)
+    return Carrier(*rays, rim.distance * (1 + BEYOND), flux, -NUDGE * rim.normal)
 
 
 def vertex(tables: Tables, draw: Draw, bent: bool, carrier: Carrier, k: Array) -> tuple[Carrier, Vertex]:
@@ -237,14 +239,15 @@ def vertex(tables: Tables, draw: Draw, bent: bool, carrier: Carrier, k: Array) -
     arriving = carrier.flux * _tilt(point, wo)
     passes = arrived & ((scattering.specular if bent else scattering.lit) | (k > 0))
     # Show it to the camera
-    view, share = once(_connect)(tables, point, face_forward(point.shading, wo))
+    view, share = once(_connect)(tables, point, face_forward(point.shading, wo), travelled * carrier.aside)
     shown = passes & scattering.lit & (share > 0)
     weight = jnp.where(shown, _toward_camera(tables, point, wo, scattering, arriving, share), 0)
     pixel = jnp.where(shown, view.pixel, tables.camera.width * tables.camera.height)
     leaving = safe_divide(jnp.ones_like(arriving), _tilt(point, scattering.direction) * jnp.ones_like(arriving))
     flux = jnp.where(passes, arriving * leaving * _power_kept(tables, point, wo, scattering), 0)
     ray = once(leave)(point, scattering.direction)
-    return Carrier(ray, ray, jnp.zeros_like(carrier.least), flux), Vertex(point, hit.index, view, pixel, weight)
+    onward = Carrier(ray, ray, jnp.zeros_like(carrier.least), flux, jnp.zeros_like(flux))
+    return onward, Vertex(point, hit.index, view, pixel, weight)
 
 
 def _toward_camera(
@@ -287,8 +290,12 @@ def _tilt(point: SurfacePoint, direction: Array) -> Array:
     return jnp.abs(safe_divide(dot(point.shading, direction), dot(point.normal, direction)))
 
 
-def _connect(tables: Tables, point: SurfacePoint, facing: Array) -> tuple[Projection, Array]:
-    """Return a point's image and pixels per area at right angles to the surface; 0 where the camera does not see it."""
+def _connect(tables: Tables, point: SurfacePoint, facing: Array, aside: Array) -> tuple[Projection, Array]:
+    """Return a point's image and pixels per area at right angles to the surface; 0 where the camera does not see it.
+
+    aside: (3,) step, along the surface, to where the camera must see it. What an edge sweeps is on its dark side: a
+    camera beside the lamp sees the edge along the outline of what casts it, which hides all of the shadow.
+    """
     view = projection(tables.camera, point.position)
     away = tables.camera.position - point.position
     squared = dot(away, away)
@@ -297,8 +304,10 @@ def _connect(tables: Tables, point: SurfacePoint, facing: Array) -> tuple[Projec
     cosine = jnp.where(dot(facing, direction) > 0, jnp.abs(dot(point.normal, direction)), 0)
     faced = view.inside & (cosine > GRAZING)
     # A ray of no length finds nothing, in no time
-    reach = jnp.where(faced, safe_sqrt(squared) - point.error, 0)
-    blocked = occluded(tables.geometry, leave(point, direction), reach)
+    beside = leave(point, direction).origin + aside - dot(point.normal, aside) * point.normal
+    line = tables.camera.position - beside
+    reach = jnp.where(faced, safe_sqrt(dot(line, line)) - point.error, 0)
+    blocked = occluded(tables.geometry, Ray(beside, normalize(line)), reach)
     return view, jnp.where(faced & ~blocked, safe_divide(cosine * view.density, squared), 0)
 
 
