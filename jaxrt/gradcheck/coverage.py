@@ -29,21 +29,22 @@ class Coverage(NamedTuple):
 class Motion(NamedTuple):
     """What a parameter's row moves in a scene, and what there is to show it."""
 
-    lamps: bool  # lights that have a place move
-    balls: bool  # some of these have a size
-    views: bool  # shapes move, the camera, or what bends its rays
-    direct: bool  # all but the last of these: what the camera sees directly
-    crosses: bool  # some of what moves cuts through other surfaces
-    sunk: bool  # lights are among these, or what they are sunk into
-    faced: bool  # surfaces have others in view
-    shows: bool  # mirrors or glass show something
+    lamps: bool = False  # lights that have a place move
+    balls: bool = False  # some of these have a size
+    views: bool = False  # shapes move, the camera, or what bends its rays
+    direct: bool = False  # all but the last of these: what the camera sees directly
+    far: bool = False  # shadows move of lights that have no place
+    crosses: bool = False  # some of what moves cuts through other surfaces
+    sunk: bool = False  # lights are among these, or what they are sunk into
+    faced: bool = False  # surfaces have others in view
+    shows: bool = False  # mirrors or glass show something
 
 
 def coverage(scene: Scene, name: str, max_depth: int, boundary_samples: int, row: int | None = None) -> Coverage:
     """Return what derivatives with respect to a parameter's row contain, and what not. None: those of any row."""
     motion = _motion(scene, name, row)
     known = _known_edges(scene, motion, max_depth)
-    missing = [*_unknown_edges(scene, motion, max_depth), *_far_edges(scene, name, motion)]
+    missing = _unknown_edges(scene, motion, max_depth)
     if known and not scene.camera.is_central:
         known, missing = [], [SCATTERED]
     if boundary_samples:
@@ -52,10 +53,13 @@ def coverage(scene: Scene, name: str, max_depth: int, boundary_samples: int, row
 
 
 def _motion(scene: Scene, name: str, row: int | None) -> Motion:
-    surfaces = surfaces_of(scene)
-    movers = movers_of(scene, surfaces, name, row)
     lamps, direct = moves_lamps(name), moves_shapes(name)
     views = direct or bends_light(scene.materials, name)
+    far = _moves_far_shadows(scene, name, views)
+    if not (lamps or views or far):
+        return Motion()
+    surfaces = surfaces_of(scene)
+    movers = movers_of(scene, surfaces, name, row)
     faced = scene.eye is None or not nothing_faces_another(surfaces, np.asarray(scene.eye, float))
     # A camera moves neither lights nor what they are sunk into
     own = (lamps or direct) and not name.startswith("camera.")
@@ -64,11 +68,20 @@ def _motion(scene: Scene, name: str, row: int | None) -> Motion:
         balls=lamps and bool(np.any(surfaces.radii[movers.balls] > 0)),
         views=views,
         direct=direct,
-        crosses=(lamps or views) and some_cross(surfaces, movers),
+        far=far,
+        crosses=some_cross(surfaces, movers),
         sunk=own and lamps_cross(scene, surfaces, movers),
         faced=faced,
         shows=any(kind.is_delta and (faced or kind.transmits) for kind in scene.materials.kinds),
     )
+
+
+def _moves_far_shadows(scene: Scene, name: str, views: bool) -> bool:
+    """Return whether shadows move in the light of lights that have no place."""
+    far = [] if scene.lights is None else [k for k in scene.lights.others if not hasattr(k, "position")]
+    owner, field = name.split(".")
+    turns = owner == "lights" and not measure(name).tints
+    return (views and bool(far)) or (turns and any(k.is_delta and field in k.kind.parameters for k in far))
 
 
 def _known_edges(scene: Scene, motion: Motion, max_depth: int) -> list[str]:
@@ -107,16 +120,9 @@ def _unknown_edges(scene: Scene, motion: Motion, max_depth: int) -> list[str]:
         SPECULAR: outlines and motion.shows and lit and (ahead > 1 or (sky and ahead > 0)),
         BEHIND: (motion.lamps or motion.views) and motion.shows and lit and _have_places(scene) and ahead > 1,
         GLOSSY: outlines and motion.faced and scene.materials.are_glossy and (sky or ahead > 0),
+        AFAR: motion.far and motion.faced and lit,
     }
     return [edge for edge, there in edges.items() if there]
-
-
-def _far_edges(scene: Scene, name: str, motion: Motion) -> list[str]:
-    """Return what derivatives lack where shadows move in the light of lights that have no place."""
-    far = [] if scene.lights is None else [k for k in scene.lights.others if not hasattr(k, "position")]
-    turns = name.startswith("lights.") and not measure(name).tints
-    turned = turns and any(kind.is_delta and name.split(".")[1] in kind.kind.parameters for kind in far)
-    return [AFAR] if motion.faced and scene.materials.are_lit and (turned or (far and motion.views)) else []
 
 
 def _have_places(scene: Scene) -> bool:
