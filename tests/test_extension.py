@@ -540,7 +540,7 @@ def test_what_glossy_surfaces_see_is_named() -> None:
     assert not coverage(plush, "lights.position", 2, 64, 0).missing
     bulb = {"position": [2, 5, 1], "intensity": 9, "radius": 0.5}
     assert coverage(jaxrt.build({**table, "lights": [bulb]}), "lights.position", 2, 64, 0).missing == (GLOSSY,)
-    under_a_sky = jaxrt.build({**table, "environment": {"radiance": 1}})
+    under_a_sky = jaxrt.build({**table, "environment": {"radiance": [1, 1, 1]}})
     assert coverage(under_a_sky, "camera.position", 1, 64).missing == (GLOSSY,)
 
 
