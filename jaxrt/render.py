@@ -85,9 +85,9 @@ def render(
     for an unknown sampler, for counts that are out of range or traced, and (SceneError) for a size that memory is too
     small for.
 
-    The edge terms are those of shadows, and of outlines that the camera or a diffuse surface sees, in direct and in
-    indirect light and under a sky. They lack curves where surfaces cross (a half-sunk ball's radius: 23 %) and edges
-    seen in mirrors (14-68 %) and through glass (76-96 %).
+    The edge terms are those of shadows and caustics, of outlines that the camera or a diffuse surface sees, of curves
+    where surfaces cross as the camera sees them, and of what it sees in mirrors and through glass. They lack crossings,
+    mirrors and glass as diffuse surfaces see them, and lights sunk into surfaces (docs/derivatives.md lists all).
     `gradcheck` names which of these a scene and a parameter lack.
     """
     check_scene(scene)

@@ -47,9 +47,12 @@ LAMP, BULB = {"position": [0, 5, 4], "intensity": 9}, {"position": [0, 5, 4], "i
 WALLS = [ball([0, -1000, 0], 990), ball([0, 1000, 0], 940), ball([-1000, 0, 0], 940), ball([1000, 0, 0], 940)]
 WIDE = ball([0, -1e6, 0], 1e6)
 MIRROR = [{"vertices": [[-6, 0, -2], [6, 0, -2], [0, 9, -2]], "material": "silver"}]
-CROSSING, SKY = "curves where surfaces cross", "outlines before the sky as diffuse surfaces see them"
-INDIRECT = "edges in indirect light of moving shapes or cameras"
-BLOCKS, SPECULAR = "outlines of lights that block bounced light", "edges seen in mirrors and through glass"
+CROSSING, SUNK = (
+    "curves where surfaces cross, as diffuse surfaces see them",
+    "curves where lights are sunk into surfaces",
+)
+SPECULAR = "edges that diffuse surfaces see in mirrors and through glass"
+BEHIND = "caustics and indirect shadows seen in mirrors and through glass"
 SHAPES = ("spheres.center", "spheres.radius", "camera.position", "camera.target", "camera.fov")
 LIGHTS = ("lights.position", "lights.radius")
 
@@ -58,93 +61,137 @@ def missing(places, *terms, row=0):
     return {(name, None if name.startswith("camera.") else row): set(terms) for name in places}
 
 
+HOVERING, SUNK_BALL = ball([0, 1.2, 0]), ball([0, 0, 0])
 MISSING = {
-    # The sky
-    "hovering under a sky": (kinds(spheres=[ball([0, 1.2, 0])], triangles=floor(0), sky=1), missing(SHAPES, SKY)),
-    "deeper": (kinds(2, spheres=[ball([0, 1.2, 0])], triangles=floor(0), sky=1), missing(SHAPES, SKY, INDIRECT)),
-    "the floor's corner": (
-        kinds(spheres=[ball([0, 1.2, 0])], triangles=floor(0), sky=1),
-        missing(["meshes.vertices"], SKY),
+    # Outlines are all there, and are seen from everywhere: by spheres and meshes, under a sky and in indirect light
+    "hovering under a sky": (
+        kinds(3, spheres=[HOVERING], triangles=floor(0), sky=1),
+        missing([*SHAPES, "meshes.vertices"]),
     ),
-    "a black sky": (kinds(spheres=[ball([0, 1.2, 0])], triangles=floor(0), sky=0), missing(SHAPES)),
-    "a lamp instead": (kinds(spheres=[ball([0, 1.2, 0])], triangles=floor(0), lights=[LAMP]), missing(SHAPES)),
+    "hovering below a lamp": (kinds(3, spheres=[HOVERING], triangles=floor(0), lights=[LAMP]), missing(SHAPES)),
     "two boxes": (
-        kinds(meshes=[box([0, 0, 0], [1, 1, 1]), box([3, 0, 0], [4, 1, 1])], sky=1),
-        missing(["meshes.vertices", "camera.fov"], SKY),
+        kinds(2, meshes=[box([0, 0, 0], [1, 1, 1]), box([3, 0, 0], [4, 1, 1])], sky=1),
+        missing(["meshes.vertices", "camera.fov"]),
     ),
     "a bulb under the sky": (
-        kinds(triangles=floor(0), lights=[BULB], sky=1),
-        missing(LIGHTS, BLOCKS) | missing(["camera.fov"], SKY),
+        kinds(2, triangles=floor(0), lights=[BULB], sky=1),
+        missing([*LIGHTS, "camera.fov", "meshes.vertices"]),
     ),
-    "a bulb in indirect light": (kinds(2, triangles=floor(0), lights=[BULB]), missing(LIGHTS, BLOCKS)),
-    # What nothing else sees
-    "a ball alone": (kinds(3, spheres=[ball([0, 0, 0])], sky=1), missing(SHAPES)),
-    "a cube alone": (
-        kinds(3, meshes=[box([-1, -1, -1], [1, 1, 1], rotate=[20, 30, 0])], sky=1),
-        missing(["meshes.vertices", "camera.position"]),
-    ),
-    "a plane alone": (kinds(3, triangles=floor(0), sky=1), missing(["meshes.vertices", "camera.position"])),
+    "a ball alone": (kinds(3, spheres=[SUNK_BALL], sky=1), missing(SHAPES)),
     "a box from inside": (
         kinds(3, meshes=[box([-9, -9, -9], [9, 9, 9])], lights=[LAMP]),
-        missing(["meshes.vertices", "camera.position"], INDIRECT),
+        missing(["meshes.vertices", "camera.position", "lights.position"]),
     ),
-    # Crossing surfaces
+    # Where surfaces cross, the camera's own view is there; a diffuse surface sees them by rays that it scatters
     "a half-sunk ball": (
-        kinds(spheres=[ball([0, 0, 0])], triangles=floor(0), lights=[LAMP]),
+        kinds(1, spheres=[SUNK_BALL], triangles=floor(0), lights=[LAMP]),
+        missing([*SHAPES, "meshes.vertices", "lights.position"]),
+    ),
+    "a half-sunk ball, deeper": (
+        kinds(2, spheres=[SUNK_BALL], triangles=floor(0), lights=[LAMP]),
         missing([*SHAPES, "meshes.vertices"], CROSSING) | missing(["lights.position"]),
     ),
+    # The last event's rays see nothing but the sky, whose shadow two balls that cross cast as one
+    "a half-sunk ball under a sky": (
+        kinds(1, spheres=[SUNK_BALL], triangles=floor(0), sky=1),
+        missing([*SHAPES, "meshes.vertices"]),
+    ),
+    "deeper under a sky": (
+        kinds(2, spheres=[SUNK_BALL], triangles=floor(0), sky=1),
+        missing([*SHAPES, "meshes.vertices"], CROSSING),
+    ),
+    "no light at all": (kinds(2, spheres=[SUNK_BALL], triangles=floor(0), sky=0), missing(SHAPES)),
     "a ball that rests": (
-        kinds(spheres=[ball([0, 0.7, 0], 0.7), ball([0, -1000, 0], 1000)], triangles=floor(0), lights=[LAMP]),
+        kinds(2, spheres=[ball([0, 0.7, 0], 0.7), ball([0, -1000, 0], 1000)], triangles=floor(0), lights=[LAMP]),
         missing(SHAPES),
     ),
-    "a ball in a ball": (kinds(spheres=[ball([0, 0, 0]), ball([0.2, 0, 0], 0.5)], lights=[LAMP]), missing(SHAPES)),
-    "a huge floor": (
-        kinds(spheres=[ball([3, 0.2, 0], 0.4), WIDE], lights=[LAMP]),
-        missing(SHAPES, CROSSING),
-    ),
-    "above a huge floor": (kinds(spheres=[ball([3, 0.41, 0], 0.4), WIDE], lights=[LAMP]), missing(SHAPES)),
+    "a ball in a ball": (kinds(2, spheres=[SUNK_BALL, ball([0.2, 0, 0], 0.5)], lights=[LAMP]), missing(SHAPES)),
+    "a huge floor": (kinds(2, spheres=[ball([3, 0.2, 0], 0.4), WIDE], lights=[LAMP]), missing(SHAPES, CROSSING)),
+    "above a huge floor": (kinds(2, spheres=[ball([3, 0.41, 0], 0.4), WIDE], lights=[LAMP]), missing(SHAPES)),
     "a cube in a huge floor": (
-        kinds(spheres=[WIDE], meshes=[box([0, -0.5, 0], [1, 0.5, 1])], lights=[LAMP]),
+        kinds(2, spheres=[WIDE], meshes=[box([0, -0.5, 0], [1, 0.5, 1])], lights=[LAMP]),
         missing([*SHAPES, "meshes.vertices"], CROSSING),
     ),
     "a cube on a plane": (
-        kinds(triangles=floor(0), meshes=[box([0, 0, 0], [1, 1, 1])], lights=[LAMP]),
+        kinds(2, triangles=floor(0), meshes=[box([0, 0, 0], [1, 1, 1])], lights=[LAMP]),
         missing(["meshes.vertices", "camera.fov"]),
     ),
     "a cube through a plane": (
-        kinds(triangles=floor(0.5), meshes=[box([0, 0, 0], [1, 1, 1])], lights=[LAMP]),
+        kinds(2, triangles=floor(0.5), meshes=[box([0, 0, 0], [1, 1, 1])], lights=[LAMP]),
         missing(["meshes.vertices", "camera.fov"], CROSSING),
     ),
-    "a room of balls": (
-        kinds(spheres=WALLS, lights=[LAMP]),
+    "a room of balls": (kinds(1, spheres=WALLS, lights=[LAMP]), missing([*SHAPES, "lights.position"])),
+    "a room of balls, deeper": (
+        kinds(2, spheres=WALLS, lights=[LAMP]),
         missing(SHAPES, CROSSING) | missing(["lights.position"]),
     ),
     "a ball beside two that cross": (
-        kinds(spheres=[ball([-4, 0, 0]), ball([2, 0, 0]), ball([3, 0, 0])], lights=[LAMP]),
+        kinds(2, spheres=[ball([-4, 0, 0]), ball([2, 0, 0]), ball([3, 0, 0])], lights=[LAMP]),
         missing(SHAPES[:2])
         | missing(SHAPES[2:], CROSSING)
         | missing(SHAPES[:2], CROSSING, row=1)
         | missing(SHAPES[:2], CROSSING, row=None),
     ),
+    # A light that is cut off moves against what cuts it, whoever looks: the camera does not change that
     "a bulb sunk in the wall": (
-        kinds(spheres=WALLS[:1], triangles=floor(5.2), lights=[BULB, LAMP]),
-        missing([*LIGHTS, "camera.fov", "meshes.vertices"], CROSSING)
+        kinds(1, spheres=WALLS[:1], triangles=floor(5.2), lights=[BULB, LAMP]),
+        missing([*LIGHTS, "meshes.vertices"], SUNK)
         | missing(["lights.position"], row=1)
-        | missing(["spheres.center"]),
+        | missing(["spheres.center", "camera.fov"]),
     ),
-    # Mirrors and glass
+    "a bulb sunk in a ball": (
+        kinds(2, spheres=[ball([0, 5, 5]), ball([4, 0, 0])], lights=[BULB]),
+        missing(LIGHTS, CROSSING, SUNK)
+        | missing(SHAPES[:2], CROSSING, SUNK)
+        | missing(SHAPES[:2], row=1)
+        | missing(["camera.fov"], CROSSING),
+    ),
+    "bulbs that cut each other": (
+        kinds(1, lights=[BULB, BULB | {"radius": 0.4, "position": [0, 5.5, 4]}], triangles=MIRROR),
+        missing([*LIGHTS, "camera.fov"]),
+    ),
+    # Mirrors and glass: all that the camera sees by them, and light that diffuse surfaces find by them
     "seen in a mirror": (
+        kinds(2, spheres=[ball([0, 1, 7.5], 0.8)], triangles=MIRROR, lights=[LAMP]),
+        missing([*SHAPES, "meshes.vertices", "lights.position"]),
+    ),
+    "three events": (
         kinds(3, spheres=[ball([0, 1, 7.5], 0.8)], triangles=MIRROR, lights=[LAMP]),
-        missing(SHAPES, SPECULAR, INDIRECT) | missing(["lights.position"], SPECULAR),
+        missing([*SHAPES, "meshes.vertices"], SPECULAR, BEHIND) | missing(["lights.position"], BEHIND),
     ),
-    "no event left": (
-        kinds(1, spheres=[ball([0, 1, 7.5], 0.8)], triangles=MIRROR, lights=[LAMP]),
-        missing([*SHAPES, "lights.position"]),
+    # What a bulb hides of what a mirror shows to a diffuse surface moves with it
+    "a bulb": (
+        kinds(3, spheres=[ball([0, 1, 7.5], 0.8)], triangles=MIRROR, lights=[BULB]),
+        missing([*SHAPES, *LIGHTS], SPECULAR, BEHIND),
     ),
-    "a bulb in a mirror": (kinds(triangles=MIRROR, lights=[BULB]), missing([*LIGHTS, "camera.fov"], SPECULAR)),
-    "a glass ball": (
-        kinds(2, spheres=[ball([0, 0, 0], material="crown")], sky=1),
-        missing(SHAPES, SPECULAR) | missing(["materials.ior"], "edges seen through glass"),
+    "a sky in a mirror": (
+        kinds(1, spheres=[ball([0, 1, 7.5], 0.8)], triangles=MIRROR, sky=1),
+        missing([*SHAPES, "meshes.vertices"]),
+    ),
+    "a sky that diffuse surfaces see in a mirror": (
+        kinds(2, spheres=[ball([0, 1, 7.5], 0.8)], triangles=MIRROR, sky=1),
+        missing([*SHAPES, "meshes.vertices"], SPECULAR),
+    ),
+    "mirrors alone": (
+        kinds(5, spheres=[ball([0, 1, 7.5], 0.8, "silver")], triangles=MIRROR, lights=[BULB], sky=1),
+        missing([*SHAPES, *LIGHTS]),
+    ),
+    "glass alone": (
+        kinds(5, spheres=[ball([0, 0, 0], material="crown")], sky=1),
+        missing([*SHAPES, "materials.ior"]),
+    ),
+    "a glass ball over a floor": (
+        kinds(2, spheres=[ball([0, 1.2, 0], material="crown")], triangles=floor(0), lights=[BULB]),
+        missing([*SHAPES, *LIGHTS, "materials.ior"]),
+    ),
+    "a glass ball, deeper": (
+        kinds(4, spheres=[ball([0, 1.2, 0], material="crown")], triangles=floor(0), lights=[BULB]),
+        missing([*SHAPES, *LIGHTS, "materials.ior"], SPECULAR, BEHIND),
+    ),
+    # What glass shows of a curve that does not move itself
+    "behind glass": (
+        kinds(3, spheres=[ball([0, 2, 5], 0.5, "crown"), SUNK_BALL], triangles=floor(0), lights=[LAMP]),
+        missing(["materials.ior"], CROSSING, SPECULAR, BEHIND) | missing(["spheres.center"], SPECULAR, BEHIND),
     ),
 }
 COLOURS = {"materials.albedo": 0, "lights.intensity": 0, "environment.radiance": None}
@@ -159,6 +206,44 @@ def test_what_is_missing_is_told_where_it_is_missing(kind):
         (name, row): set(coverage(scene, name, scene.defaults.max_depth, 9, row).missing) for name, row in expected
     }
     assert found == expected and {name for name, _ in expected} <= set(there)
+
+
+SEEN, LIGHTS_SEEN = "outlines seen by the camera", "outlines of lights seen by the camera"
+BOUNCED, LIGHTS_BOUNCED = "outlines seen by diffuse surfaces", "outlines of lights seen by diffuse surfaces"
+CUT, CHAINED = "curves where surfaces cross, seen by the camera", "edges seen in mirrors and through glass"
+SHADOWS, INDIRECT, CAUSTICS = "shadow edges", "shadow edges in indirect light", "edges of caustics"
+SUNK_UNDER_A_SKY = kinds(1, spheres=[SUNK_BALL, ball([3, 1, 0])], triangles=floor(0), sky=1)
+MIRRORED = kinds(2, spheres=[ball([0, 1, 7.5], 0.8)], triangles=MIRROR, lights=[BULB])
+GLAZED = kinds(2, spheres=[ball([0, 1.2, 0], material="crown")], triangles=floor(0), lights=[BULB])
+POINT = kinds(1, spheres=[ball([0, 1, 7.5], 0.8)], triangles=MIRROR, lights=[LAMP])
+
+
+@pytest.mark.parametrize(
+    ("scene", "name", "row", "known"),
+    [
+        (SUNK_UNDER_A_SKY, "spheres.radius", 0, {SEEN, CUT, BOUNCED}),
+        (SUNK_UNDER_A_SKY, "spheres.radius", 1, {SEEN, BOUNCED}),
+        (MIRRORED, "camera.position", None, {SHADOWS, SEEN, CHAINED, INDIRECT, BOUNCED, CAUSTICS}),
+        (MIRRORED, "lights.radius", 0, {SHADOWS, LIGHTS_SEEN, CHAINED, INDIRECT, LIGHTS_BOUNCED, CAUSTICS}),
+        # No event is left behind the mirror, nothing to see in it, and a lamp of no size moves nothing of its own
+        (POINT, "spheres.center", 0, {SHADOWS, SEEN}),
+        (POINT, "lights.position", 0, {SHADOWS}),
+        # The index moves what is seen through the glass
+        (GLAZED, "materials.ior", 0, {CHAINED, INDIRECT, BOUNCED, CAUSTICS}),
+        (GLAZED, "materials.albedo", 0, set()),
+    ],
+)
+def test_what_is_there_is_told(scene, name, row, known):
+    depth = scene.defaults.max_depth
+    assert coverage(scene, name, depth, 9, row)[:2] == (bool(known), ("interior", *_in_order(known)))
+    without = tuple(f"{edge} (boundary_samples is 0)" for edge in _in_order(known))
+    assert coverage(scene, name, depth, 0, row) == (False, ("interior",), without)
+
+
+def _in_order(known):
+    return [
+        x for x in (SHADOWS, SEEN, LIGHTS_SEEN, CUT, CHAINED, INDIRECT, BOUNCED, LIGHTS_BOUNCED, CAUSTICS) if x in known
+    ]
 
 
 # Steps

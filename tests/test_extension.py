@@ -19,7 +19,7 @@ from jaxrt.cli.commands.summary import print_summary
 from jaxrt.description import parse_description
 from jaxrt.description.kinds import CAMERAS
 from jaxrt.fit.unknowns import unknowns_of
-from jaxrt.gradcheck.coverage import AFAR, SCATTERED, SKY, coverage
+from jaxrt.gradcheck.coverage import AFAR, GLOSSY, SCATTERED, coverage
 from jaxrt.gradcheck.steps import default_step
 from jaxrt.io.scene_file import read_description
 from jaxrt.kinds import (
@@ -521,8 +521,27 @@ def test_what_derivatives_lack_is_named() -> None:
     assert "shadow edges" in coverage(scene, "lights.position", 1, 64, 0).included
     assert AFAR in coverage(scene, "lights.toward", 1, 64, 0).missing
     assert coverage(scene, "lights.zenith", 1, 64, 0) == (False, ("interior",), ())
-    assert {AFAR, SKY} <= set(coverage(scene, "spheres.center", 1, 64, 0).missing)
+    assert coverage(scene, "spheres.center", 1, 64, 0).missing == (AFAR,)
     assert coverage(outdoors, "camera.scale", 1, 64) == (False, ("interior",), (SCATTERED,))
+    # A sky of one's own is found by light samples, which have no edges of it
+    overcast = jaxrt.build({**lamp_over(), "lights": OUTDOORS["lights"][:1]})
+    assert coverage(overcast, "spheres.center", 1, 64, 0).missing == (AFAR,)
+    assert not coverage(overcast, "lights.zenith", 1, 64, 0).missing
+
+
+def test_what_glossy_surfaces_see_is_named() -> None:
+    """They see outlines by scattered rays: of what reflects light, of a sky, and of lights in the way."""
+    table = {**lamp_over(), "materials": {"white": {"type": "plush", "albedo": [0.7, 0.5, 0.3]}}}
+    plush = jaxrt.build(table)
+    assert not coverage(plush, "spheres.center", 1, 64, 0).missing
+    assert coverage(plush, "spheres.center", 2, 64, 0).missing == (GLOSSY,)
+    assert "outlines seen by diffuse surfaces" not in coverage(plush, "spheres.center", 2, 64, 0).included
+    # A point hides nothing
+    assert not coverage(plush, "lights.position", 2, 64, 0).missing
+    bulb = {"position": [2, 5, 1], "intensity": 9, "radius": 0.5}
+    assert coverage(jaxrt.build({**table, "lights": [bulb]}), "lights.position", 2, 64, 0).missing == (GLOSSY,)
+    under_a_sky = jaxrt.build({**table, "environment": {"radiance": [1, 1, 1]}})
+    assert coverage(under_a_sky, "camera.position", 1, 64).missing == (GLOSSY,)
 
 
 def test_they_are_listed_bounded_and_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

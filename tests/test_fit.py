@@ -29,6 +29,7 @@ from jaxrt.fit.command import told
 from jaxrt.fit.descent import Found, descend
 from jaxrt.fit.files import load_target, read_progress
 from jaxrt.fit.solve import Look
+from jaxrt.gradcheck.coverage import CROSSING, SPECULAR
 from jaxrt.kinds import Place, Positive, Ray, normalize
 from jaxrt.scene.selectors import parse_selector
 
@@ -410,16 +411,15 @@ def test_fit_warns_of_what_derivatives_lack(folder: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(package, "Machine", lambda problem: problem)
     monkeypatch.setattr(package, "descend", start)
     sky = "[environment]\nradiance = [1, 1, 1]\n"
-    other = '[[spheres]]\ncenter = [3, 0, 0]\nradius = 2\nmaterial = "ball"\n'
-    Path("ball.toml").write_text(SCENE + other + sky)
+    other = '[[spheres]]\ncenter = [3, 0, 0]\nradius = 2\nmaterial = "silver"\n[materials.silver]\ntype = "mirror"\n'
+    Path("ball.toml").write_text(SCENE.replace("max_depth = 1", "max_depth = 2") + other + sky)
     more = ("spheres.center[1]", "camera.fov", "lights.position[0]")
     assert cli.main([*command()[:5], *more, "-o", "out"]) == 2
-    crossing, before_sky = "curves where surfaces cross", "outlines before the sky as diffuse surfaces see them"
     (warning,) = [line for line in capsys.readouterr().err.splitlines() if "warning" in line]
-    assert f"lack, for spheres.center[1], camera.fov: {crossing}, {before_sky}. " in warning
+    assert f"lack, for spheres.center[1], camera.fov: {CROSSING}, {SPECULAR}. " in warning
     assert "gradcheck of spheres.center[1]" in warning and "albedo" not in warning
     told = json.loads((folder / "out/fit.json").read_text())["parameters"]
-    assert told["camera.fov"]["derivative_lacks"] == [crossing, before_sky]
+    assert told["camera.fov"]["derivative_lacks"] == [CROSSING, SPECULAR]
     assert told["materials.albedo[ball]"]["derivative_lacks"] == told["lights.position[0]"]["derivative_lacks"] == []
     assert cli.main(command()) == 2
     assert "warning" not in capsys.readouterr().err
@@ -449,7 +449,7 @@ class Periscope:
         ("spheres.radius", 64),
         ("lights.position", 64),
         ("lights.intensity", 0),
-        ("materials.ior", 0),
+        ("materials.ior", 64),
     ],
 )
 def test_edges_are_sampled_for_all_that_moves_them(name: str, edges: int) -> None:

@@ -10,7 +10,7 @@ from command import BALL, run, working_folder
 import jaxrt
 from jaxrt.description import parse_description
 from jaxrt.gradcheck import Component, heatmap
-from jaxrt.gradcheck.coverage import coverage
+from jaxrt.gradcheck.coverage import BEHIND, SPECULAR, coverage
 from jaxrt.gradcheck.functionals import functionals, loss_slope
 from jaxrt.gradcheck.report import Difference, compare
 from jaxrt.io.image import load_image
@@ -181,13 +181,29 @@ def test_heatmap_colours():
         ("lights.intensity", {"interior"}, set()),
         (
             "lights.position",
-            {"interior", "shadow edges", "outlines of lights seen by the camera", "shadow edges in indirect light"},
-            {"edges seen in mirrors and through glass", "outlines of lights that block bounced light"},
+            {
+                "interior",
+                "shadow edges",
+                "outlines of lights seen by the camera",
+                "edges seen in mirrors and through glass",
+                "shadow edges in indirect light",
+                "outlines of lights seen by diffuse surfaces",
+                "edges of caustics",
+            },
+            {SPECULAR, BEHIND},
         ),
         (
             "spheres.center",
-            {"interior", "shadow edges", "outlines seen by the camera"},
-            {"edges seen in mirrors and through glass", "edges in indirect light of moving shapes or cameras"},
+            {
+                "interior",
+                "shadow edges",
+                "outlines seen by the camera",
+                "edges seen in mirrors and through glass",
+                "shadow edges in indirect light",
+                "outlines seen by diffuse surfaces",
+                "edges of caustics",
+            },
+            {SPECULAR, BEHIND},
         ),
         # Nothing is of glass
         ("materials.ior", {"interior"}, set()),

@@ -1,7 +1,7 @@
 """Every parameter of scenes with everything: forward = reverse, and no NaN or infinity at the worst corners.
 
 Compilation is what costs here, so each scene has one program, forwards and backwards, fed with all parameters.
-Specular surfaces and the environment have a scene without edge terms, since edges seen in them are not sampled.
+Specular surfaces and the environment have a scene without edge terms: those of mirrors and glass take long to compile.
 """
 
 import warnings

@@ -24,7 +24,7 @@ from jaxrt.fit.verdict import promised_gain
 from jaxrt.kernels.jacobian import value_and_jacobian
 from jaxrt.render import draw_sum, prepare
 from jaxrt.scene import Scene
-from jaxrt.scene.measures import moves_lamps, moves_shapes
+from jaxrt.scene.measures import bends_light, moves_lamps, moves_shapes
 
 Floats = NDArray[np.float64]
 Vector = NDArray[np.floating]
@@ -69,8 +69,10 @@ class Problem:
         if self.boundary_samples is not None:
             return self.boundary_samples
         names = [row.selector.name for row in self.unknowns.rows]
-        moving = self.scene.camera.is_central and any(moves_lamps(name) or moves_shapes(name) for name in names)
-        return EDGES_PER_PIXEL * self.target.shape[0] * self.target.shape[1] if moving else 0
+        materials = self.scene.materials
+        moving = any(moves_lamps(name) or moves_shapes(name) or bends_light(materials, name) for name in names)
+        known = moving and self.scene.camera.is_central
+        return EDGES_PER_PIXEL * self.target.shape[0] * self.target.shape[1] if known else 0
 
     @property
     def scale(self) -> float:

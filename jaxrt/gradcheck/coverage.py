@@ -4,19 +4,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxrt.gradcheck.surfaces import movers_of, nothing_faces_another, some_cross, surfaces_of
+from jaxrt.gradcheck.surfaces import lamps_cross, movers_of, nothing_faces_another, some_cross, surfaces_of
 from jaxrt.lights import casters_of
 from jaxrt.scene import Scene
-from jaxrt.scene.measures import measure, moves_lamps, moves_shapes
+from jaxrt.scene.measures import bends_light, measure, moves_lamps, moves_shapes
 
-CROSSING = "curves where surfaces cross"
-SKY = "outlines before the sky as diffuse surfaces see them"
-INDIRECT = "edges in indirect light of moving shapes or cameras"
+CROSSING = "curves where surfaces cross, as diffuse surfaces see them"
+SUNK = "curves where lights are sunk into surfaces"
+SPECULAR = "edges that diffuse surfaces see in mirrors and through glass"
+BEHIND = "caustics and indirect shadows seen in mirrors and through glass"
+GLOSSY = "outlines that glossy surfaces see"
 AFAR = "shadow edges of lights that are at no place"
 SCATTERED = "all edges: the camera's rays start at many places"
-LIGHTS = "outlines of lights that block bounced light"
-SPECULAR = "edges seen in mirrors and through glass"
-REFRACTED = "edges seen through glass"
 
 
 class Coverage(NamedTuple):
@@ -27,12 +26,25 @@ class Coverage(NamedTuple):
     missing: tuple[str, ...]
 
 
+class Motion(NamedTuple):
+    """What a parameter's row moves in a scene, and what there is to show it."""
+
+    lamps: bool = False  # lights that have a place move
+    balls: bool = False  # some of these have a size
+    views: bool = False  # shapes move, the camera, or what bends its rays
+    direct: bool = False  # all but the last of these: what the camera sees directly
+    far: bool = False  # shadows move of lights that have no place
+    crosses: bool = False  # some of what moves cuts through other surfaces
+    sunk: bool = False  # lights are among these, or what they are sunk into
+    faced: bool = False  # surfaces have others in view
+    shows: bool = False  # mirrors or glass show something
+
+
 def coverage(scene: Scene, name: str, max_depth: int, boundary_samples: int, row: int | None = None) -> Coverage:
     """Return what derivatives with respect to a parameter's row contain, and what not. None: those of any row."""
-    light_moves, shapes_move = moves_lamps(name), moves_shapes(name)
-    known = _known_edges(scene, light_moves, shapes_move, max_depth)
-    missing = _unknown_edges(scene, name, row, max_depth) if light_moves or shapes_move else []
-    missing += [*_bent_edges(scene, name), *_far_edges(scene, name, shapes_move)]
+    motion = _motion(scene, name, row)
+    known = _known_edges(scene, motion, max_depth)
+    missing = _unknown_edges(scene, motion, max_depth)
     if known and not scene.camera.is_central:
         known, missing = [], [SCATTERED]
     if boundary_samples:
@@ -40,65 +52,85 @@ def coverage(scene: Scene, name: str, max_depth: int, boundary_samples: int, row
     return Coverage(False, ("interior",), (*(f"{edge} (boundary_samples is 0)" for edge in known), *missing))
 
 
-def _bent_edges(scene: Scene, name: str) -> list[str]:
-    """Return what derivatives lack with respect to what turns light that goes on in single directions."""
-    owner, field = name.split(".")
-    if owner != "materials" or measure(name).tints:
-        return []
-    bending = [kind for kind in scene.materials.kinds if kind.is_delta and field in kind.kind.parameters]
-    return list(dict.fromkeys(REFRACTED if kind.transmits else SPECULAR for kind in bending))
-
-
-def _far_edges(scene: Scene, name: str, shapes_move: bool) -> list[str]:
-    """Return what derivatives lack where shadows move in the light of lights that have no place."""
-    owner, field = name.split(".")
-    far = [] if scene.lights is None else [k for k in scene.lights.others if k.is_delta and not hasattr(k, "position")]
-    turned = owner == "lights" and not measure(name).tints and any(field in kind.kind.parameters for kind in far)
-    shadows = scene.materials.are_lit and (scene.spheres is not None or scene.triangles is not None)
-    return [AFAR] if shadows and (turned or (far and shapes_move)) else []
-
-
-def _known_edges(scene: Scene, light_moves: bool, shapes_move: bool, max_depth: int) -> list[str]:
-    outlines = scene.spheres is not None or scene.triangles is not None
-    diffuse = scene.materials.are_lit
-    sphere_lights = scene.lights is not None and scene.lights.have_size
-    edges = []
-    lamps = scene.lights is not None and casters_of(scene.lights)[0].shape[0] > 0
-    if (light_moves or shapes_move) and lamps and outlines and diffuse:
-        edges.append("shadow edges")
-    if (shapes_move and (outlines or sphere_lights)) or (light_moves and sphere_lights):
-        edges.append("outlines seen by the camera" if shapes_move else "outlines of lights seen by the camera")
-    if (light_moves or shapes_move) and scene.lights is not None and outlines and diffuse and max_depth > 1:
-        edges.append("shadow edges in indirect light")
-    # After the last event, a diffuse surface sees the sky alone
-    bounces = diffuse and (scene.environment is not None or (scene.lights is not None and max_depth > 1))
-    if bounces and ((shapes_move and (outlines or sphere_lights)) or (light_moves and sphere_lights)):
-        edges.append(
-            "outlines seen by diffuse surfaces" if shapes_move else "outlines of lights seen by diffuse surfaces"
-        )
-    return edges
-
-
-def _unknown_edges(scene: Scene, name: str, row: int | None, max_depth: int) -> list[str]:
-    """Return what derivatives lack with respect to a place or size of shapes, lights or camera."""
+def _motion(scene: Scene, name: str, row: int | None) -> Motion:
+    lamps, direct = moves_lamps(name), moves_shapes(name)
+    views = direct or bends_light(scene.materials, name)
+    far = _moves_far_shadows(scene, name, views)
+    if not (lamps or views or far):
+        return Motion()
     surfaces = surfaces_of(scene)
     movers = movers_of(scene, surfaces, name, row)
-    light_moves = name.startswith("lights.")
-    sphere_lights = scene.lights is not None and scene.lights.have_size
-    sky = scene.environment is not None and bool(np.any(np.asarray(scene.environment) > 0))
-    sky = sky or (scene.lights is not None and any(scene.lights.skies()))
     faced = scene.eye is None or not nothing_faces_another(surfaces, np.asarray(scene.eye, float))
-    edges = []
-    if some_cross(surfaces, movers):
-        edges.append(CROSSING)
-    specular = any(kind.is_delta and (faced or kind.transmits) for kind in scene.materials.kinds)
-    # What follows the last event shows lights and the sky alone
-    if specular and (max_depth > 1 or sphere_lights or (sky and not light_moves)):
-        edges.append(SPECULAR)
-    # Of spheres alone these are right; where meshes see or are seen they are added, but not shown to be right yet
-    meshes = scene.triangles is not None and faced and scene.materials.are_lit and not light_moves
-    if meshes and sky:
-        edges.append(SKY)
-    if meshes and max_depth > 1:
-        edges.append(INDIRECT)
-    return edges
+    # A camera moves neither lights nor what they are sunk into
+    own = (lamps or direct) and not name.startswith("camera.")
+    return Motion(
+        lamps=lamps,
+        balls=lamps and bool(np.any(surfaces.radii[movers.balls] > 0)),
+        views=views,
+        direct=direct,
+        far=far,
+        crosses=some_cross(surfaces, movers),
+        sunk=own and lamps_cross(scene, surfaces, movers),
+        faced=faced,
+        shows=any(kind.is_delta and (faced or kind.transmits) for kind in scene.materials.kinds),
+    )
+
+
+def _moves_far_shadows(scene: Scene, name: str, views: bool) -> bool:
+    """Return whether shadows move in the light of lights that have no place."""
+    far = [] if scene.lights is None else [k for k in scene.lights.others if not hasattr(k, "position")]
+    owner, field = name.split(".")
+    turns = owner == "lights" and not measure(name).tints
+    return (views and bool(far)) or (turns and any(k.is_delta and field in k.kind.parameters for k in far))
+
+
+def _known_edges(scene: Scene, motion: Motion, max_depth: int) -> list[str]:
+    if not (motion.lamps or motion.views):
+        return []
+    outlines = scene.spheres is not None or scene.triangles is not None
+    lights, materials = scene.lights, scene.materials
+    sizes = lights is not None and lights.have_size
+    shadows = _have_places(scene) and outlines and materials.are_lit
+    seen = "outlines" if motion.views else "outlines of lights"
+    outlined = (motion.views and outlines) or sizes
+    bounces = materials.ends[0] > 0 and (scene.environment is not None or (lights is not None and max_depth > 1))
+    chains = sizes or (max_depth > 1 and (motion.views or shadows)) or (motion.views and _is_bright(scene))
+    edges = {
+        "shadow edges": shadows and (motion.lamps or motion.direct),
+        f"{seen} seen by the camera": outlined and (motion.lamps or motion.direct),
+        "curves where surfaces cross, seen by the camera": motion.crosses and (motion.direct or materials.are_delta),
+        "edges seen in mirrors and through glass": motion.shows and chains,
+        "shadow edges in indirect light": shadows and max_depth > 1,
+        # After the last event, a diffuse surface sees the sky alone
+        f"{seen} seen by diffuse surfaces": outlined and bounces,
+        "edges of caustics": motion.shows and materials.are_lit and sizes and max_depth > 1,
+    }
+    return [edge for edge, there in edges.items() if there]
+
+
+def _unknown_edges(scene: Scene, motion: Motion, max_depth: int) -> list[str]:
+    """Return what derivatives lack with respect to what moves visibility."""
+    sky, lit = _is_bright(scene), scene.materials.are_lit
+    outlines = motion.views or motion.balls
+    # How many events before the last one that shows more than lights and skies
+    ahead = max_depth - 1 if sky or scene.lights is not None else 0
+    edges = {
+        CROSSING: motion.crosses and lit and ahead > 0,
+        SUNK: motion.sunk and (lit or (motion.lamps and not motion.shows)),
+        SPECULAR: outlines and motion.shows and lit and (ahead > 1 or (sky and ahead > 0)),
+        BEHIND: (motion.lamps or motion.views) and motion.shows and lit and _have_places(scene) and ahead > 1,
+        GLOSSY: outlines and motion.faced and scene.materials.are_glossy and (sky or ahead > 0),
+        AFAR: motion.far and motion.faced and lit,
+    }
+    return [edge for edge, there in edges.items() if there]
+
+
+def _have_places(scene: Scene) -> bool:
+    """Return whether some lights have a place."""
+    return scene.lights is not None and casters_of(scene.lights)[0].shape[0] > 0
+
+
+def _is_bright(scene: Scene) -> bool:
+    """Return whether there is light from afar that rays run into."""
+    sky = scene.environment is not None and bool(np.any(np.asarray(scene.environment) > 0))
+    return sky or (scene.lights is not None and any(scene.lights.skies()))

@@ -59,11 +59,11 @@ def surfaces_of(scene: Scene) -> Surfaces:
 
 
 def movers_of(scene: Scene, surfaces: Surfaces, name: str, row: int | None) -> Movers:
-    """Return what a parameter's row moves, or with None any of its rows; a camera moves all there is."""
+    """Return what a parameter's row moves, or with None any of its rows; cameras and materials move all there is."""
     balls, faces = np.zeros(len(surfaces.radii), bool), np.zeros(len(surfaces.faces), bool)
     spheres = 0 if scene.spheres is None else len(scene.spheres.radius)
     rows = slice(None) if row is None else row
-    if name.startswith("camera."):
+    if name.startswith(("camera.", "materials.")):
         balls[:], faces[:] = True, True
     elif name.startswith("spheres."):
         balls[:spheres][rows] = True
@@ -77,7 +77,7 @@ def movers_of(scene: Scene, surfaces: Surfaces, name: str, row: int | None) -> M
 def some_cross(surfaces: Surfaces, movers: Movers) -> bool:
     """Return whether a surface that moves cuts through any other; those that only touch do not."""
     every = Movers(np.ones_like(movers.balls), np.ones_like(movers.faces))
-    if _balls_cross(surfaces, movers.balls) or _cut_faces(surfaces, movers.balls, every.faces):
+    if _balls_cross(surfaces, movers.balls, every.balls) or _cut_faces(surfaces, movers.balls, every.faces):
         return True
     if not movers.faces.any():
         return False
@@ -86,16 +86,25 @@ def some_cross(surfaces: Surfaces, movers: Movers) -> bool:
     return more or faces_cross(corners, corners if movers.faces.all() else moved)
 
 
-def _balls_cross(surfaces: Surfaces, moved: Mask) -> bool:
-    """Return whether one of the balls moved cuts any other: they are neither apart nor one inside the other."""
+def lamps_cross(scene: Scene, surfaces: Surfaces, movers: Movers) -> bool:
+    """Return whether a light of some size cuts through any other surface, and one of the two moves."""
+    lamps = np.arange(len(surfaces.radii)) >= (0 if scene.spheres is None else len(scene.spheres.radius))
+    balls, faces = np.ones_like(movers.balls), np.ones_like(movers.faces)
+    moved = movers.balls & lamps
+    among_balls = _balls_cross(surfaces, moved, balls) or _balls_cross(surfaces, movers.balls, lamps)
+    return among_balls or _cut_faces(surfaces, moved, faces) or _cut_faces(surfaces, lamps, movers.faces)
+
+
+def _balls_cross(surfaces: Surfaces, some: Mask, others: Mask) -> bool:
+    """Return whether one of some balls cuts one of others: they are neither apart nor one inside the other."""
     centers, radii = surfaces.centers, surfaces.radii
-    distance = np.linalg.norm(centers[moved][:, None] - centers, axis=-1)
-    one, other = radii[moved][:, None], radii[None]
+    distance = np.linalg.norm(centers[some][:, None] - centers[others], axis=-1)
+    one, other = radii[some][:, None], radii[others]
     depth = np.minimum(one + other - distance, distance - np.abs(one - other))
-    depth[np.arange(len(depth)), np.flatnonzero(moved)] = -np.inf
+    depth[np.flatnonzero(some)[:, None] == np.flatnonzero(others)] = -np.inf
     # The lesser ball tells the size: a wall may be a sphere of radius 1e6
     size = np.abs(centers).max(axis=-1, initial=0) + radii
-    return bool(np.any(depth > TOUCHING * np.minimum(size[moved][:, None], size)))
+    return bool(np.any(depth > TOUCHING * np.minimum(size[some][:, None], size[others])))
 
 
 def _cut_faces(surfaces: Surfaces, balls: Mask, faces: Mask) -> bool:

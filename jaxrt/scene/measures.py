@@ -3,6 +3,7 @@
 from jaxrt.description import SceneError, nearest
 from jaxrt.description.kinds import CAMERAS, LIGHTS, MATERIALS
 from jaxrt.description.values import Measure
+from jaxrt.materials import Materials
 
 _PLACE = Measure("place", "xyz", "[0, 0, 0]")
 _OTHERS = {
@@ -36,3 +37,9 @@ def moves_lamps(name: str) -> bool:
 def moves_shapes(name: str) -> bool:
     """Return whether shapes move with a parameter, as the camera sees them."""
     return name.split(".")[0] in SHAPES and not measure(name).tints
+
+
+def bends_light(materials: Materials, name: str) -> bool:
+    """Return whether light that goes on in single directions, as by mirrors and glass, turns with a parameter."""
+    owner, field = name.split(".")
+    return owner == "materials" and any(field == own for _, own in materials.bends)

@@ -114,19 +114,17 @@ def mirror_report():
             "lights": [{"position": [0.2, 0.1, 5], "intensity": 3, "radius": 0.5}],
         }
     )
-    options = {"component": 0, "spp": 64, "max_depth": 1, "step": 0.1, "seeds": 4, "boundary_samples": 256}
+    options = {"component": 0, "spp": 512, "max_depth": 1, "step": 0.1, "seeds": 4, "boundary_samples": 1024}
     return jaxrt.gradcheck(scene, "lights.position", 0, **options)
 
 
-@pytest.mark.xfail(reason="edges seen in mirrors are not sampled: the derivative is 100 % off")
 def test_a11_a_light_that_moves_in_a_mirror(figures):
-    share = mirror_report().components[0].groups[0].total.share
-    figures("A11", "error of the derivative of a light that moves in a mirror", ours=share, at_most=0.05)
+    (found,) = mirror_report().components
+    what = "error of the derivative of a light that moves in a mirror; naive: plain differentiation"
+    naive, share = found.groups[0].interior.share, found.groups[0].total.share
+    figures("A11", what, naive=naive, ours=share, at_most=0.05)
 
 
 def test_a11_gradcheck_says_so():
-    report = mirror_report()
-    (found,) = report.components
-    assert report.verdict == "differs"
-    assert found.groups[0].total.share == pytest.approx(1, abs=0.05)
-    assert "edges seen in mirrors and through glass" in report.coverage.missing
+    found = mirror_report().coverage
+    assert "edges seen in mirrors and through glass" in found.included and not found.missing
