@@ -12,11 +12,12 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
+from jaxrt.boundary.anchors import occluder_anchors
 from jaxrt.boundary.clearance import EdgeSamples, Path, Turn
 from jaxrt.boundary.guiding import Draw, place, sample_guided
 from jaxrt.boundary.lookouts import Lookouts, lookouts_at, points_seen
 from jaxrt.boundary.outlines import LIGHTS_ONLY, both_sides
-from jaxrt.boundary.shadows import Plan, occluder_anchors
+from jaxrt.boundary.shadows import Plan
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, edge_table, rim_at
 from jaxrt.boundary.trail import central_ray
 from jaxrt.core.maths import dot, face_forward, normalize, safe_divide

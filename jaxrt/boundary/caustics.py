@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
+from jaxrt.boundary.anchors import occluder_anchors
 from jaxrt.boundary.clearance import EdgeSamples
 from jaxrt.boundary.guiding import Draw, Placed, place, sample_guided
 from jaxrt.boundary.shadows import (
@@ -22,7 +23,6 @@ from jaxrt.boundary.shadows import (
     bins_for,
     carrier_past,
     light_point,
-    occluder_anchors,
     shadow_weights,
     vertex,
 )

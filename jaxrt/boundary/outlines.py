@@ -11,9 +11,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
+from jaxrt.boundary.anchors import occluder_anchors
 from jaxrt.boundary.clearance import EdgeSamples, ViewRays
 from jaxrt.boundary.guiding import Draw, place, sample_guided
-from jaxrt.boundary.shadows import NUDGE, Plan, bins_for, occluder_anchors
+from jaxrt.boundary.shadows import NUDGE, Plan, bins_for
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, edge_table, rim_at
 from jaxrt.cameras import projection
 from jaxrt.core.maths import dot, normalize, safe_divide

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import DTypeLike
 
+from jaxrt.boundary.anchors import surface_anchors
 from jaxrt.boundary.clearance import EdgeSamples, LightPoints, Path
 from jaxrt.boundary.guiding import LANES, Draw, Placed, place, sample_guided
 from jaxrt.boundary.lines.between import Place, distances, may_cross, place_between
@@ -36,7 +37,7 @@ from jaxrt.boundary.lines.chains import (
     lamp_middle,
     sent_by,
 )
-from jaxrt.boundary.shadows import Plan, surface_anchors
+from jaxrt.boundary.shadows import Plan
 from jaxrt.boundary.trail import central_ray
 from jaxrt.cameras import View
 from jaxrt.core.maths import FAR, safe_divide, unit_roundoff
