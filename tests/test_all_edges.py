@@ -1,10 +1,10 @@
 """Derivatives of what draws an edge, against finite differences: a small scene for each group of kinds of edges.
 
 Both are means over independent seeds, compared by nine smooth functionals. They may be 6 of their difference's standard
-errors apart, which for 15 degrees of freedom happens by chance once in 40,000 comparisons (Student), of the 90 here once
-in 400 runs; and besides 1 % of the largest functional, for steps of finite length. Each move is such that the derivative
-inside of edges is far outside of that. What a diffuse surface sees is in `test_bounced_edges.py`, light by mirrors and
-glass in `test_caustics.py`.
+errors apart, which for 15 degrees of freedom happens by chance once in 40,000 comparisons (Student), of the 90 here
+once in 400 runs; and besides 1 % of the largest functional, for steps of finite length. Each move is such that the
+derivative inside of edges is far outside of that. What a diffuse surface sees is in `test_bounced_edges.py`, light by
+mirrors and glass in `test_caustics.py`.
 """
 
 from functools import cache, partial
