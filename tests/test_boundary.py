@@ -16,9 +16,11 @@ from edge_scenes import AXES, box, bumps, cells, corner_room, finite_difference,
 
 import jaxrt
 from jaxrt.boundary import clearance_of, edge_tangent, sample_edges, splat
-from jaxrt.boundary.outlines import camera_edges
+from jaxrt.boundary.outlines import both_sides, camera_edges
+from jaxrt.boundary.silhouettes import Silhouettes, rim_at
 from jaxrt.kernels.sealed import sealed
 from jaxrt.shapes import mesh_edges
+from jaxrt.transport.path import tables_of
 
 X, Y, Z = AXES
 ALL = {"lights.position", "lights.radius", "spheres.center", "spheres.radius", "meshes.vertices"} | {
@@ -285,6 +287,33 @@ def test_a_sphere_light_casts_the_shadow_of_another_and_is_seen_itself():
 
     two = TWO_LIGHTS._replace(devices=tuple(jax.devices()[:2]))
     np.testing.assert_allclose(inside + edges(scene, change, two), total, atol=1e-5 * np.abs(total).max())
+
+
+@pytest.mark.quick
+@pytest.mark.parametrize("radius", [0.3, 1000.0])
+def test_rays_to_a_rim_come_from_outside(radius):
+    """By rounding half of those along the surface come from inside, where no light is."""
+    ball = {"center": [0.2, -radius, 0.1], "radius": radius, "material": "white"}
+    scene = jaxrt.build(
+        {
+            "camera": dict(position=[0.3, 0.7, 3.1], target=[0, 0, 0], fov=40, width=4, height=4),
+            "materials": {"white": {"type": "diffuse", "albedo": [0.8, 0.8, 0.8]}},
+            "spheres": [ball],
+            "environment": {"radiance": [1, 1, 1]},
+        }
+    )
+    tables = tables_of(scene)
+    outlines = Silhouettes(tables.geometry.spheres, None)
+
+    @jax.jit
+    @jax.vmap
+    def inside(t):
+        rim = rim_at(outlines, jnp.int32(0), t, tables.camera.position, True)
+        (rays, _, points), clear = both_sides(tables, outlines, jnp.int32(0), rim, tables.camera.position)
+        return jnp.vdot(points.normal[1], rays.direction[1]), clear
+
+    arrives, clear = inside((jnp.arange(256, dtype=jnp.float32) + 0.5) / 256)
+    assert np.all(clear) and np.all(arrives < 0)
 
 
 # A face that is seen almost edge-on

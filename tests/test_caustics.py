@@ -135,7 +135,7 @@ def test_a_light_in_a_flat_mirror_is_an_image_light(move):
 
 @jax.jit
 def picture(scene, key):
-    return jaxrt.render(scene, key, spp=8192, max_depth=DEPTH)
+    return jaxrt.render(scene, key, spp=2048, max_depth=DEPTH)
 
 
 @partial(jax.jit, static_argnames="name")
@@ -143,7 +143,7 @@ def inside(scene, name, change, key):
     value = jaxrt.parameters(scene)[name]
 
     def one(v):
-        return jaxrt.render(jaxrt.with_parameters(scene, {name: v}), key, spp=512, max_depth=DEPTH)
+        return jaxrt.render(jaxrt.with_parameters(scene, {name: v}), key, spp=256, max_depth=DEPTH)
 
     return jax.jvp(one, (value,), (change,))[1]
 

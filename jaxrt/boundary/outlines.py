@@ -165,7 +165,9 @@ def _at_rim(outlines: Silhouettes, row: Array, rim: Rim, ray: Ray, like: Surface
     error = sphere_error(table, position)
     smooth = None if like.smooth is None else Smooth(rim.normal, position, jnp.ones_like(error))
     point = SurfacePoint(position, rim.normal, error, spheres.material[sphere], smooth)
-    return ray, Hit(sphere, jnp.ones((), bool)), point
+    # By rounding a ray along the surface may seem to come from inside, where it is dark
+    from_outside = Ray(ray.origin, normalize(ray.direction - NUDGE * rim.normal))
+    return from_outside, Hit(sphere, jnp.ones((), bool)), point
 
 
 def _radiance_from(plan: Plan, tables: Tables, draw: Draw, ray: Ray, hit: Hit, point: SurfacePoint) -> Array:
