@@ -529,6 +529,24 @@ def test_what_derivatives_lack_is_named() -> None:
     assert not coverage(overcast, "lights.zenith", 1, 64, 0).missing
 
 
+def test_outlines_of_glossy_surfaces() -> None:
+    """A ball of cloth below a sky, beside a diffuse one: all that moves is in the derivative but what the cloth sees."""
+    table: dict[str, Any] = {
+        "camera": {"position": [0, 0, 6], "width": 24, "height": 16, "fov": 45},
+        "materials": {"cloth": {"type": "plush", "albedo": [0.7, 0.5, 0.3]}, **WHITE},
+        "environment": {"radiance": [1, 1, 1]},
+        "spheres": [
+            {"center": [-1.2, 0, 0], "radius": 1, "material": "cloth"},
+            {"center": [2, 0, 0], "radius": 0.6, "material": "white"},
+        ],
+    }
+    options = {"component": 0, "max_depth": 1, "spp": 64, "seeds": 4, "step": 0.05, "boundary_samples": 4096}
+    report = jaxrt.gradcheck(jaxrt.build(table), "spheres.center", 0, row=0, **options)
+    assert report.coverage.missing == (GLOSSY,)
+    for group in report.components[0].groups:
+        assert group.interior.exceeds(0.5) and not group.total.exceeds(0.05), str(report)
+
+
 def test_what_glossy_surfaces_see_is_named() -> None:
     """They see outlines by scattered rays: of what reflects light, of a sky, and of lights in the way."""
     table = {**lamp_over(), "materials": {"white": {"type": "plush", "albedo": [0.7, 0.5, 0.3]}}}
