@@ -28,6 +28,7 @@ from jaxrt.shapes.triangle import triangle_point_at
 from jaxrt.transport.path import Tables, Walk, event_at, last_look, tables_of, walk_along
 
 CLOSE = 1e-5  # what hides an outline is nearer by this share of its distance
+TURNED = 1e-5  # tangent by which a ball's normal is turned to the eye on its rim: rounding alone would turn it away
 LIGHTS_ONLY = 16  # the outlines of lights alone get this part of the samples: they are few and smooth
 
 
@@ -162,8 +163,9 @@ def _at_rim(outlines: Silhouettes, row: Array, rim: Rim, ray: Ray, like: Surface
     # The rim of a huge sphere is off its surface by rounding, and rays that leave it would meet it
     position = onto_sphere(table, rim.point)
     error = sphere_error(table, position)
-    smooth = None if like.smooth is None else Smooth(rim.normal, position, jnp.ones_like(error))
-    point = SurfacePoint(position, rim.normal, error, spheres.material[sphere], smooth)
+    normal = normalize(rim.normal - TURNED * ray.direction)
+    smooth = None if like.smooth is None else Smooth(normal, position, jnp.ones_like(error))
+    point = SurfacePoint(position, normal, error, spheres.material[sphere], smooth)
     return ray, Hit(sphere, jnp.ones((), bool)), point
 
 
