@@ -220,8 +220,8 @@ def test_indirect_light_has_its_share_of_the_edges():
 
     # Four times the samples: those of one seed leave the indirect part's noise at 0.5 % of the whole
     parts = [[part(samples) for samples in samples_of(scene, INDIRECT, seed)] for seed in range(4)]
-    direct, indirect, outlines, bounced = np.mean(parts, axis=0)
-    without = inside + direct + outlines + bounced
+    direct, indirect, outlines, crossings, bounced = np.mean(parts, axis=0)
+    without = inside + direct + outlines + crossings + bounced
     complete = without + indirect
     assert relative(bumps(complete), bumps(reference)) < 0.01
     assert relative(bumps(without), bumps(reference)) > 2 * relative(bumps(complete), bumps(reference))
@@ -432,3 +432,24 @@ def test_no_light_and_nothing_that_blocks_make_no_edges():
     assert samples_of(replace(scene, lights=None), plan(512, 1, lights=True)) == ()
     alone = replace(scene, spheres=None, triangles=None, lights=replace(scene.lights, radius=None))
     assert samples_of(alone, plan(512, 1, geometry=True, lights=True)) == ()
+
+
+@pytest.mark.parametrize("eye", [(0, 0, 6), (0.5, 2, 5)])
+def test_a_white_ball_before_a_white_sky_has_no_outline(eye):
+    """Both sides are as bright: a ball is met on its rim from outside, however its normal is rounded."""
+    scene = jaxrt.build(
+        {
+            "camera": {"position": eye, "target": [0, 0, 0], "width": 12, "height": 8, "fov": 45},
+            "materials": {"white": {"type": "diffuse", "albedo": [1, 1, 1]}},
+            "environment": {"radiance": [1, 1, 1]},
+            "spheres": [{"center": [-0.4, 0, 0], "radius": 1, "material": "white"}],
+        }
+    )
+    start = jaxrt.parameters(scene, "spheres.center")
+
+    def picture(center):
+        moved = jaxrt.with_parameters(scene, {"spheres.center": center})
+        return jaxrt.render(moved, 0, spp=1, max_depth=1, boundary_samples=512)
+
+    change = jax.jvp(picture, (start,), (jnp.ones_like(start),))[1]
+    assert float(jnp.abs(change).max()) < 1e-5

@@ -29,7 +29,7 @@ from jaxrt.kernels.native import map_packets, once
 from jaxrt.materials import scatter
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, leave, surface_point
-from jaxrt.transport.path import Tables, Walk, event_at, last_look, tables_of
+from jaxrt.transport.path import Tables, Walk, event_at, last_look, tables_of, walk_along
 
 TILES = 8  # the picture is divided into so many parts each way, among which a pilot shares the samples
 CANDIDATES = 32  # points of outlines, of which one is taken by how large it looks
@@ -187,7 +187,6 @@ def _radiance_from(
 
     last: () number of the event that the ray leaves, from 0.
     """
-    ones = jnp.ones_like(ray.origin)
     first = last + 2
 
     def met(k: Array, walk: Walk) -> Hit:
@@ -198,9 +197,9 @@ def _radiance_from(
         here = met(k, walk)
         there = once(surface_point)(tables.geometry, walk.ray, here)
         there = jax.tree.map(lambda a, b: jnp.where(k == first, a, b), point, there)
-        return event_at(tables, walk, here, there, tuple(x.astype(ones.dtype) for x in independent(stream, k)))
+        return event_at(tables, walk, here, there, tuple(x.astype(ray.origin.dtype) for x in independent(stream, k)))
 
-    walk = Walk(ray, ones, jnp.zeros_like(ones), jnp.zeros((), bool))
+    walk = walk_along(tables, ray, False)
     walk = lax.fori_loop(first, plan.max_depth + 1, event, walk)
     return last_look(tables, walk, met(jnp.int32(plan.max_depth + 1), walk))
 
