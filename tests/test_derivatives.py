@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import jaxrt
+from benchmarks.ladder import count
 from jaxrt.kernels.gather import take
 from jaxrt.transport import interior
 
@@ -205,6 +206,29 @@ def test_second_derivatives_of_edges_are_refused():
 
     with pytest.raises(ValueError, match="boundary_samples: the edge terms have no second derivative"):
         jax.eval_shape(jax.hessian(loss), chosen()["lights.position"])
+
+
+@pytest.mark.quick
+def test_edges_cost_nothing_where_what_changes_moves_none():
+    """The sky's radiance is a leaf of the scene, others are leaves of its parts."""
+    scene = jaxrt.build(INSIDE | {"environment": {"radiance": [0.3, 0.2, 0.1]}})
+
+    def added(name):
+        """Return how many equations boundary samples add to a gradient's program."""
+
+        def loss(value, samples):
+            moved = jaxrt.with_parameters(scene, {name: value})
+            return jaxrt.render(moved, 0, spp=1, max_depth=2, boundary_samples=samples, devices=ONE).sum()
+
+        value = jaxrt.parameters(scene)[name]
+        without, with_edges = (
+            count(jax.make_jaxpr(jax.grad(partial(loss, samples=samples)))(value)) for samples in (0, 64)
+        )
+        return with_edges - without
+
+    found = {added(name) for name in ("environment.radiance", "materials.albedo", "lights.intensity")}
+    assert len(found) == 1 and found.pop() < 10
+    assert added("lights.position") > 100 and added("camera.position") > 100
 
 
 # Random numbers of derivatives

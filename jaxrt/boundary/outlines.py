@@ -25,7 +25,7 @@ from jaxrt.kernels.native import once
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, surface_point
 from jaxrt.shapes.sphere import onto_sphere, sphere_error
-from jaxrt.transport.path import Tables, Walk, event_at, last_look, tables_of
+from jaxrt.transport.path import Tables, Walk, event_at, last_look, tables_of, walk_from
 
 LIGHTS_ONLY = 16  # the outlines of lights alone get this part of the samples: they are few and smooth
 
@@ -148,15 +148,14 @@ def _at_rim(outlines: Silhouettes, row: Array, rim: Rim, hits: Hit, points: Surf
 
 def _radiance_from(plan: Plan, tables: Tables, draw: Draw, ray: Ray, hit: Hit, point: SurfacePoint) -> Array:
     """Return the radiance (3,) along a camera ray whose first surface is known."""
-    ones = jnp.ones_like(ray.origin)
-    walk = Walk(ray, ones, jnp.zeros_like(ones), jnp.ones((), bool))
+    walk = walk_from(tables, ray)
 
     def event(walk: Walk, k: Array) -> tuple[Walk, None]:
         here = once(find)(tables.geometry, walk.ray)
         there = once(surface_point)(tables.geometry, walk.ray, here)
         first = k == 1
         here, there = jax.tree.map(lambda a, b: jnp.where(first, a, b), (hit, point), (here, there))
-        u = tuple(x.astype(ones.dtype) for x in independent(draw.stream, k))
+        u = tuple(x.astype(ray.origin.dtype) for x in independent(draw.stream, k))
         return event_at(tables, walk, here, there, u), None
 
     walk, _ = lax.scan(event, walk, jnp.arange(1, plan.max_depth + 1, dtype=jnp.int32))

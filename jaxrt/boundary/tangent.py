@@ -34,7 +34,7 @@ def _moving_edges_jvp(plan: boundary.Plan, primals: tuple[Scene, Array], tangent
         if not isinstance(change, SymbolicZero)
     ]
     parts = [name.split(".") for name in names]
-    lights_move = any(first == "lights" and last in {"position", "radius"} for first, *_, last in parts)
+    lights_move = any(first == "lights" and rest[-1:] in (["position"], ["radius"]) for first, *rest in parts)
     geometry_moves = any(first in {"camera", "spheres", "triangles"} for first, *_ in parts)
     if not (lights_move or geometry_moves):
         return nothing, jnp.zeros_like(nothing)

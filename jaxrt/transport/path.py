@@ -116,11 +116,9 @@ def radiance(tables: Tables, ray: Ray, numbers: Numbers, max_depth: int, unroll:
     unroll: all events in a row, or one event in a scan: the same numbers, another program.
     attached: draw light samples whose derivatives in light, shapes and camera are right and of bounded variance.
     """
-    ones = jnp.ones_like(ray.origin)
-    pdf = jnp.zeros_like(ones[0]) if tables.materials.are_glossy else None
-    walk = Walk(ray, ones, jnp.zeros_like(ones), jnp.ones((), bool), pdf)
+    walk = walk_from(tables, ray)
     if tables.geometry.spheres is None and tables.geometry.triangles is None:
-        sky = ones * 0 if tables.environment is None else tables.environment
+        sky = walk.throughput * 0 if tables.environment is None else tables.environment
         return sky + sky_radiance(tables.lights, ray.direction) if shines_from_afar(tables.lights) else sky
     if unroll:
         for k in range(1, max_depth + 1):
@@ -133,6 +131,13 @@ def radiance(tables: Tables, ray: Ray, numbers: Numbers, max_depth: int, unroll:
 
         walk, _ = lax.scan(event, walk, jnp.arange(1, max_depth + 1))
     return last_look(tables, walk)
+
+
+def walk_from(tables: Tables, ray: Ray) -> Walk:
+    """Return a path that begins with a camera ray."""
+    ones = jnp.ones_like(ray.origin)
+    pdf = jnp.zeros_like(ones[0]) if tables.materials.are_glossy else None
+    return Walk(ray, ones, jnp.zeros_like(ones), jnp.ones((), bool), pdf)
 
 
 def _event(tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array], attached: bool) -> Walk:
