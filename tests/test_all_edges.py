@@ -14,11 +14,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from edge_scenes import plan
 
 import jaxrt
 from benchmarks.edge_rows import bumps
 from benchmarks.edge_scenes import SCENES, ball, box, quad, scene
 from benchmarks.ladder import build
+from jaxrt.boundary import edge_tangent
+from jaxrt.scene import drawn
 
 SIZE, SEEDS, SPP, SAMPLES = 16, 16, 64, 8192
 ERRORS = 6  # standard errors
@@ -85,23 +88,24 @@ RUNGS = {
 
 
 class Programs:
-    """Compiled once for a rung: the picture, and its derivative inside of edges and with them."""
+    """Compiled once for a rung: the picture, its derivative inside of edges, and what moving edges add."""
 
     def __init__(self, rung):
         here = build(rung.description, width=SIZE, height=SIZE)
         self.start = {name: jaxrt.parameters(here, name) for name in rung.moves}
 
-        def picture(values, key, spp, boundary_samples):
-            moved = jaxrt.with_parameters(here, values)
-            return jaxrt.render(moved, key, spp=spp, max_depth=rung.depth, boundary_samples=boundary_samples)
+        def picture(values, key, spp):
+            return jaxrt.render(jaxrt.with_parameters(here, values), key, spp=spp, max_depth=rung.depth)
 
-        def slope(change, key, boundary_samples):
-            draw = partial(picture, key=key, spp=SPP, boundary_samples=boundary_samples)
-            return jax.jvp(draw, (self.start,), (change,))[1]
+        def slope(change, key):
+            return jax.jvp(partial(picture, key=key, spp=SPP), (self.start,), (change,))[1]
 
-        self.picture = jax.jit(partial(picture, spp=rung.fd_spp, boundary_samples=0))
-        self.interior = jax.jit(partial(slope, boundary_samples=0))
-        self.edges = jax.jit(partial(slope, boundary_samples=SAMPLES))
+        def at_edges(change, key):
+            tangent = jax.jvp(partial(jaxrt.with_parameters, here), (self.start,), (change,))[1]
+            return edge_tangent(drawn(here), drawn(tangent), key, plan(SAMPLES, rung.depth, geometry=True))
+
+        self.picture = jax.jit(partial(picture, spp=rung.fd_spp))
+        self.interior, self.edges = jax.jit(slope), jax.jit(at_edges)
 
     def change(self, name, direction):
         """Return the direction in the space of all that moves in the rung."""
@@ -136,8 +140,9 @@ def test_derivatives_are_those_of_finite_differences(rung, move):
     change = here.change(move, RUNGS[rung].moves[move])
     keys = [jnp.uint32(seed) for seed in range(SEEDS)]
     truth, its_noise = mean([functionals(here.difference(change, step, key + 1000)) for key in keys])
-    interior, _ = mean([functionals(here.interior(change, key)) for key in keys])
-    found, noise = mean([functionals(here.edges(change, key)) for key in keys])
+    inside = [functionals(here.interior(change, key)) for key in keys]
+    found, noise = mean([one + functionals(here.edges(change, key)) for one, key in zip(inside, keys, strict=True)])
+    interior = np.mean(inside, 0)
     bound = ERRORS * np.hypot(noise, its_noise) + TRUNCATION * np.abs(truth).max()
     # The test can tell: without edges it fails, and by far
     missing, allowed = np.linalg.norm(interior - truth), np.linalg.norm(bound)

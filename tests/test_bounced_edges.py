@@ -16,8 +16,8 @@ from edge_scenes import box, plan, quad
 import jaxrt
 from jaxrt.boundary import clearance_of, sample_edges, splat
 from jaxrt.boundary.bounced import bounced_edges
-from jaxrt.boundary.clearance import EdgeSamples
-from jaxrt.boundary.trail import Turn, central_ray, path_through, trail_of
+from jaxrt.boundary.clearance import EdgeSamples, Path, Turn
+from jaxrt.boundary.trail import central_ray, path_through, trail_of
 from jaxrt.core.records import Hit, Ray
 from jaxrt.materials import scatter
 from jaxrt.shapes import find, leave, surface_point
@@ -248,7 +248,8 @@ def check_trail(scene, image, numbers, names):
     _, turns = turns_of(scene, image, numbers)
     rng = np.random.default_rng(3)
     factors = Ray(*jnp.asarray(rng.normal(size=(2, 3)), jnp.float32))
-    view, trail = trail_of(tables_of(scene), jax.tree.map(lambda *x: jnp.stack(x), *turns), last, factors, image)
+    path = Path(jax.tree.map(lambda *x: jnp.stack(x), *turns), jnp.int32(last), factors, image)
+    view, trail = trail_of(tables_of(scene), path)
     one = partial(jax.tree.map, lambda x: x[None])
     samples = EdgeSamples(jnp.zeros((1, 1), jnp.int32), jnp.zeros((1, 1, 3)), None, one(view), (), one(trail))
 
