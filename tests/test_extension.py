@@ -516,28 +516,6 @@ def test_a_far_scene_is_moved_with_its_lights_and_camera() -> None:
     np.testing.assert_array_equal(jaxrt.parameters(other)["lights.position"][:, 0], [1e6, 1e6 + 1, 1e6 + 2, 1e6 + 3])
 
 
-def test_a_glossy_ball_has_the_outline_of_the_diffuse_one_that_it_looks_like() -> None:
-    def change(material: dict[str, Any]) -> jax.Array:
-        table = {
-            "camera": {"position": [0, 0, 6], "width": 12, "height": 8, "fov": 45},
-            "materials": {"white": {"albedo": [0.7, 0.5, 0.3], **material}},
-            "environment": {"radiance": [1, 1, 1]},
-            "spheres": [{"center": [-0.4, 0, 0], "radius": 1, "material": "white"}],
-        }
-        scene = jaxrt.build(table)
-        start = jaxrt.parameters(scene, "spheres.center")
-
-        def picture(center: jax.Array) -> jax.Array:
-            moved = jaxrt.with_parameters(scene, {"spheres.center": center})
-            return jaxrt.render(moved, 0, spp=1, max_depth=1, boundary_samples=256)
-
-        return jax.jvp(picture, (start,), (jnp.ones_like(start),))[1]
-
-    found = change({"type": "plush", "fuzz": 0})
-    assert float(jnp.abs(found).max()) > 0.05
-    np.testing.assert_allclose(found, change({"type": "diffuse"}), atol=1e-5)
-
-
 def test_what_derivatives_lack_is_named() -> None:
     scene, outdoors = mixed(), jaxrt.build({**OUTDOORS, "spheres": lamp_over()["spheres"]})
     assert "shadow edges" in coverage(scene, "lights.position", 1, 64, 0).included
