@@ -15,6 +15,8 @@ from edge_scenes import plan
 import jaxrt
 from jaxrt.boundary import clearance_of, splat
 from jaxrt.boundary.caustics import caustic_edges
+from jaxrt.boundary.trail import with_trails
+from jaxrt.transport.path import tables_of
 
 SIZE, DEPTH = 8, 4
 LIGHT, INTENSITY, RADIUS, ALBEDO = np.asarray([0.3, 2.0, 1.0]), 10.0, 0.4, 0.8
@@ -59,7 +61,11 @@ def focused():
     return scene_of([0, 1.2, 0], [0, 5000, 0], light, camera)
 
 
-edges = jax.jit(lambda scene, seed: caustic_edges(scene, seed, plan(16384, DEPTH, geometry=True, lights=True)))
+@jax.jit
+def edges(scene, seed):
+    """Return samples of the edges of caustics alone."""
+    own = plan(16384, DEPTH, geometry=True, lights=True)
+    return with_trails(tables_of(scene), caustic_edges(scene, seed, own), True, own.devices)
 
 
 @partial(jax.jit, static_argnames="name")

@@ -100,7 +100,8 @@ def _sample(plan: Plan, events: int, operands: BouncedTables, draw: Draw) -> tup
     arrival = jax.tree.map(lambda a: a[last], arrivals)
     point = once(surface_point)(tables.geometry, arrival.turn.ray, Hit(arrival.turn.index, jnp.ones((), bool)))
     facing = face_forward(point.shading, -arrival.turn.ray.direction)
-    eye = once(leave)(point, facing).origin
+    # Where the path has met nothing, its point is of no use
+    eye = jnp.where(jnp.sum(arrival.flux) > 0, once(leave)(point, facing).origin, camera.position)
     # From its end past an outline
     grazing = _grazing(plan, operands, eye, facing, arrival.turn.index, draw)
     starts, clear = both_sides(tables, outlines, grazing.row, grazing.rim, eye)

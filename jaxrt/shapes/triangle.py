@@ -138,7 +138,7 @@ def triangle_surface_point(table: TriangleTable, ray: Ray, i: Array) -> SurfaceP
     unit, error = normalize(normal), take(table.error, i)
     if table.wide:
         p = p + _place_on_ray(*lax.stop_gradient((corners, unit)), error, *lax.stop_gradient((ray, p)))
-    return _shaded(table, i, (beta, gamma), SurfacePoint(p, unit, error, table.material[i]), -ray.direction)
+    return _shaded(table, i, corners, (beta, gamma), SurfacePoint(p, unit, error, table.material[i]), ray.direction)
 
 
 def triangle_point_at(table: TriangleTable, place: Array, direction: Array, i: Array) -> SurfacePoint:
@@ -148,17 +148,23 @@ def triangle_point_at(table: TriangleTable, place: Array, direction: Array, i: A
     unit = normalize(cross(edge1, edge2))
     area = dot(cross(edge1, edge2), unit)
     weights = safe_divide(dot(cross(s, edge2), unit), area), safe_divide(dot(cross(edge1, s), unit), area)
-    return _shaded(table, i, weights, SurfacePoint(place, unit, take(table.error, i), table.material[i]), -direction)
+    return _shaded(
+        table, i, corners, weights, SurfacePoint(place, unit, take(table.error, i), table.material[i]), direction
+    )
 
 
 def _shaded(
-    table: TriangleTable, i: Array, weights: tuple[Array, Array], point: SurfacePoint, wo: Array
+    table: TriangleTable,
+    i: Array,
+    corners: Array,
+    weights: tuple[Array, Array],
+    point: SurfacePoint,
+    direction: Array,
 ) -> SurfacePoint:
     """Return the point with what a smooth mesh adds. weights: barycentric, of the second and third corner."""
     if table.normals is None:
         return point
-    corners, normals = take(table.corners, i), take(table.normals, i)
-    lifted, smooth = smooth_place(corners, normals, weights, point.position, point.normal, wo)
+    lifted, smooth = smooth_place(corners, take(table.normals, i), weights, point.position, point.normal, -direction)
     return replace(point, position=lifted, smooth=smooth)
 
 
