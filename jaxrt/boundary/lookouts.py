@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.boundary.silhouettes import Silhouettes, angular_lengths, is_bent
-from jaxrt.core.maths import safe_divide
+from jaxrt.core.maths import dot, safe_divide
 from jaxrt.core.pytree import pytree
 
 SHARES = 0.4, 0.4  # of the points drawn by what shows from the place itself, and from anywhere near it
@@ -54,10 +54,21 @@ def points_seen(
 
     offset: () in [0, 1), by which all are shifted.
     """
-    away = lookouts.position - eye[None]
-    near = jnp.argmin(jnp.sum(away * away, -1)).astype(jnp.int32)
+    near = _nearest(lookouts.position, eye)
     place = (jnp.arange(count, dtype=eye.dtype) + offset) / count
     return jax.vmap(lambda v: _point(lookouts.cumulative, near * outlines.rows, outlines.rows, v))(place)
+
+
+def _nearest(positions: Array, eye: Array) -> Array:
+    """Return the row of the nearest position, in a loop: native kernels of jaxlib 0.12 have no reductions like this."""
+
+    def closer(k: Array, best: tuple[Array, Array]) -> tuple[Array, Array]:
+        away = positions[k] - eye
+        squared = dot(away, away)
+        return jnp.where(squared < best[0], squared, best[0]), jnp.where(squared < best[0], k, best[1])
+
+    start = jnp.full((), jnp.inf, eye.dtype), jnp.int32(0)
+    return lax.fori_loop(0, positions.shape[0], closer, start)[1]
 
 
 def _point(cumulative: Array, start: Array, rows: int, place: Array) -> tuple[Array, Array, Array]:
