@@ -15,7 +15,7 @@ from jax import Array, lax
 from jaxrt.boundary.anchors import occluder_anchors
 from jaxrt.boundary.clearance import EdgeSamples, Path, Turn
 from jaxrt.boundary.guiding import Draw, place, sample_guided
-from jaxrt.boundary.lookouts import Lookouts, lookouts_at, points_seen
+from jaxrt.boundary.lookouts import Lookouts, lookouts_at, nearest_lookout, point_seen
 from jaxrt.boundary.outlines import LIGHTS_ONLY, both_sides
 from jaxrt.boundary.shadows import Plan
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, edge_table, rim_at
@@ -163,9 +163,8 @@ def _places(tables: Tables, seed: Array, events: int) -> Array:
 def _grazing(plan: Plan, operands: BouncedTables, eye: Array, facing: Array, index: Array, draw: Draw) -> Grazing:
     """Return one of several points of outlines, taken by how much of the light that arrives each may change."""
     outlines = operands.outlines
-    creases = plan.max_depth > 1
-    rows, t, density = once(partial(points_seen, count=CANDIDATES))(outlines, operands.lookouts, eye, draw.spread[1])
-    rims = jax.vmap(once(partial(rim_at, creases=creases)), in_axes=(None, 0, 0, None))(outlines, rows, t, eye)
+    rim_of = once(partial(rim_at, creases=plan.max_depth > 1))
+    start = once(nearest_lookout)(operands.lookouts, eye) * outlines.rows
 
     def worth(rim: Rim, row: Array, density: Array, eye: Array, facing: Array, index: Array) -> Array:
         cosine = dot(facing, normalize(rim.point - eye))
@@ -173,12 +172,22 @@ def _grazing(plan: Plan, operands: BouncedTables, eye: Array, facing: Array, ind
         ok = rim.valid & (cosine > TURNED) & ~own & (rim.distance > 0)
         return jnp.where(ok, safe_divide(rim.jacobian * cosine, rim.distance * rim.distance * density), 0)
 
-    sums = jnp.cumsum(
-        jax.vmap(once(worth), in_axes=(0, 0, 0, None, None, None))(rims, rows, density, eye, facing, index)
-    )
-    at = independent(draw.stream, 0)[0].astype(eye.dtype) * sums[-1]
-    chosen = jnp.minimum(jnp.sum(sums <= at), CANDIDATES - 1)
-    return Grazing(rows[chosen], t[chosen], jax.tree.map(lambda a: a[chosen], rims), sums[-1] / CANDIDATES)
+    def choose(k: Array, best: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        """Keep what is there or take point k, by their worth."""
+        chosen_row, chosen_t, total, coin = best
+        v = (k.astype(eye.dtype) + draw.spread[1]) / CANDIDATES
+        row, t, density = once(partial(point_seen, rows=outlines.rows))(operands.lookouts, start, v)
+        own = once(worth)(rim_of(outlines, row, t, eye), row, density, eye, facing, index)
+        total = total + own
+        share = safe_divide(own, total)
+        taken = coin < share
+        coin = jnp.where(taken, safe_divide(coin, share), safe_divide(coin - share, 1 - share))
+        coin = jnp.clip(coin, 0, 1 - 2.0**-24)
+        return jnp.where(taken, row, chosen_row), jnp.where(taken, t, chosen_t), total, coin
+
+    nothing, coin = jnp.zeros_like(eye[0]), independent(draw.stream, 0)[0].astype(eye.dtype)
+    row, t, total, _ = lax.fori_loop(0, CANDIDATES, choose, (jnp.int32(0), nothing, nothing, coin))
+    return Grazing(row, t, rim_of(outlines, row, t, eye), total / CANDIDATES)
 
 
 def _radiance_from(

@@ -4,7 +4,6 @@ How large each outline looks is found once for each of these places, and points 
 not show from there, but may from nearby or from elsewhere, keeps a share.
 """
 
-import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
@@ -47,20 +46,9 @@ def _spacing(positions: Array) -> Array:
     return jnp.sqrt(jnp.min(jnp.where(other, squared, jnp.max(squared)), -1))
 
 
-def points_seen(
-    outlines: Silhouettes, lookouts: Lookouts, eye: Array, offset: Array, count: int
-) -> tuple[Array, Array, Array]:
-    """Return rows, places t and densities (count,) of points on outlines, evenly spread as an eye may see them.
-
-    offset: () in [0, 1), by which all are shifted.
-    """
-    near = _nearest(lookouts.position, eye)
-    place = (jnp.arange(count, dtype=eye.dtype) + offset) / count
-    return jax.vmap(lambda v: _point(lookouts.cumulative, near * outlines.rows, outlines.rows, v))(place)
-
-
-def _nearest(positions: Array, eye: Array) -> Array:
-    """Return the row of the nearest position, in a loop: native kernels of jaxlib 0.12 have no reductions like this."""
+def nearest_lookout(lookouts: Lookouts, eye: Array) -> Array:
+    """Return the number of the nearest place, in a loop: native kernels of jaxlib 0.12 have no reductions like this."""
+    positions = lookouts.position
 
     def closer(k: Array, best: tuple[Array, Array]) -> tuple[Array, Array]:
         away = positions[k] - eye
@@ -71,8 +59,9 @@ def _nearest(positions: Array, eye: Array) -> Array:
     return lax.fori_loop(0, positions.shape[0], closer, start)[1]
 
 
-def _point(cumulative: Array, start: Array, rows: int, place: Array) -> tuple[Array, Array, Array]:
-    """Return row, t and density of a place in [0, 1) of the part of a table that begins at `start`."""
+def point_seen(lookouts: Lookouts, start: Array, place: Array, rows: int) -> tuple[Array, Array, Array]:
+    """Return row, t and density of a place in [0, 1) of what shows from the lookout whose rows begin at `start`."""
+    cumulative = lookouts.cumulative
 
     def halve(_: Array, ends: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = ends
