@@ -34,8 +34,8 @@ def _moving_edges_jvp(plan: boundary.Plan, primals: tuple[Scene, Array], tangent
         if not isinstance(change, SymbolicZero)
     ]
     parts = [name.split(".") for name in names]
-    lights_move = any(first == "lights" and rest[-1:] in (["position"], ["radius"]) for first, *rest in parts)
-    geometry_moves = any(first in {"camera", "spheres", "triangles"} for first, *_ in parts)
+    lights_move = any(part[0] == "lights" and part[-1] in {"position", "radius"} for part in parts)
+    geometry_moves = any(part[0] in {"camera", "spheres", "triangles"} for part in parts)
     if not (lights_move or geometry_moves):
         return nothing, jnp.zeros_like(nothing)
     plan = plan._replace(lights_move=lights_move, geometry_moves=geometry_moves)
