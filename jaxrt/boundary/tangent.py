@@ -34,10 +34,10 @@ def _moving_edges_jvp(plan: boundary.Plan, primals: tuple[Scene, Array], tangent
         if not isinstance(change, SymbolicZero)
     ]
     parts = [name.split(".") for name in names]
-    lights_move = any(first == "lights" and rest[-1:] in (["position"], ["radius"]) for first, *rest in parts)
+    lights_move = any(part[0] == "lights" and part[-1] in {"position", "radius"} for part in parts)
     # What bends light moves all that is seen through it
-    bends = any(first == "materials" and tuple(rest) in scene.materials.bends for first, *rest in parts)
-    geometry_moves = bends or any(first in {"camera", "spheres", "triangles"} for first, *_ in parts)
+    bends = any(part[0] == "materials" and tuple(part[1:]) in scene.materials.bends for part in parts)
+    geometry_moves = bends or any(part[0] in {"camera", "spheres", "triangles"} for part in parts)
     if not (lights_move or geometry_moves):
         return nothing, jnp.zeros_like(nothing)
     plan = plan._replace(lights_move=lights_move, geometry_moves=geometry_moves)
