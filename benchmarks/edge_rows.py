@@ -18,8 +18,9 @@ import numpy as np
 from jax import Array
 
 import jaxrt
-from benchmarks.edge_scenes import SCENES, Row, built, direction
+from benchmarks.edge_scenes import SCENES, Row, built, direction, rows
 from jaxrt.core.writing import write_whole
+from jaxrt.scene.measures import moves_lamps
 
 SPP = 64  # of the estimate
 FD_BATCH, FD_FIRST = 4, 100_000  # keys of the finite differences: so many at a time, and the first
@@ -28,15 +29,16 @@ WIDTH = 1 / 8  # of a functional's Gaussian, in pictures
 # 1 − (r/h)² is the light of a white plane under a black ball
 CLOSED_FORMS = {"plane under a black ball, height": 2 * 0.5**2 / 1.2**3}
 
+Pictures = np.ndarray  # (seeds, height, width, 3) derivatives
 Values = np.ndarray  # (seeds, functionals)
 
 
 class Reference(NamedTuple):
     """What a derivative is compared with."""
 
-    near: Values  # finite differences
-    wide: Values  # of steps twice as long, by the first keys
-    interior: Values  # derivatives without edges
+    near: Pictures  # finite differences
+    wide: Pictures  # of steps twice as long, by the first keys
+    interior: Pictures  # without edges
 
 
 class Result(NamedTuple):
@@ -50,6 +52,7 @@ class Result(NamedTuple):
     interior: float
     seeds: int
     keys: int
+    pictures: tuple[np.ndarray, np.ndarray, np.ndarray]  # finite differences, without edges, with edges
 
     @property
     def word(self) -> str:
@@ -62,15 +65,15 @@ class Result(NamedTuple):
 
 
 def bumps(picture: Any) -> np.ndarray:
-    """Return nine means (27,) of a picture, weighted by Gaussians."""
+    """Return nine means (..., 27) of pictures (..., height, width, 3), weighted by Gaussians."""
     picture = np.asarray(picture, float)
-    h, w = picture.shape[:2]
+    h, w = picture.shape[-3:-1]
     y, x = np.mgrid[:h, :w] + 0.5
     middles = (np.arange(3) + 0.5) / 3
     weights = np.stack(
         [np.exp(-((y / h - a) ** 2 + (x / w - b) ** 2) / (2 * WIDTH**2)) for a in middles for b in middles]
     )
-    return np.einsum("khw,hwc->kc", weights / (h * w), picture).ravel()
+    return np.einsum("khw,...hwc->...kc", weights / (h * w), picture).reshape(*picture.shape[:-3], 27)
 
 
 def view(row: Row, scene: jaxrt.Scene, key: Any, spp: int, boundary_samples: int = 0) -> Array:
@@ -83,6 +86,11 @@ def view(row: Row, scene: jaxrt.Scene, key: Any, spp: int, boundary_samples: int
     return picture - less[0] if less else picture
 
 
+def _alike(row: Row) -> Row:
+    """Return what rows have in common that share their programs."""
+    return row._replace(name="", parameter="", motion="", bound=0, step=0, seeds=0)
+
+
 @cache
 def _drawn(row: Row) -> Callable[..., Array]:
     """Return the program (values of all parameters, key) -> picture that finite differences are of."""
@@ -91,32 +99,49 @@ def _drawn(row: Row) -> Callable[..., Array]:
 
 
 def difference(row: Row, step: float, key: int) -> np.ndarray:
-    """Return the functionals' central difference, both pictures drawn with the same random numbers."""
+    """Return the central difference, both pictures drawn with the same random numbers."""
     scene = built(row)
-    program = _drawn(row._replace(name="", parameter="", motion="", bound=0, step=0, samples=0, seeds=0))
+    program = _drawn(_alike(row)._replace(samples=0))
     value, along = jaxrt.parameters(scene, row.parameter), direction(row, scene)
     ends = [
-        bumps(program(jaxrt.parameters(jaxrt.with_parameters(scene, {row.parameter: value + h * along})), key))
+        program(jaxrt.parameters(jaxrt.with_parameters(scene, {row.parameter: value + h * along})), key)
         for h in (step, -step)
     ]
-    return (ends[0] - ends[1]) / (2 * step)
+    return np.asarray((ends[0] - ends[1]) / (2 * step))
+
+
+@cache
+def _slope(row: Row, names: tuple[str, ...], spp: int) -> Callable[..., Array]:
+    """Return the program (changes of parameters, key) -> derivative, with so many boundary samples a pixel."""
+    scene = built(row)
+    start = {name: jaxrt.parameters(scene, name) for name in names}
+
+    @jax.jit
+    def slope(changes: dict[str, Array], key: Array) -> Array:
+        def picture(values: dict[str, Array]) -> Array:
+            return view(row, jaxrt.with_parameters(scene, values), key, spp, row.samples * row.size**2)
+
+        return jax.jvp(picture, (start,), (changes,))[1]
+
+    return slope
+
+
+def _of_lights(row: Row) -> bool:
+    return moves_lamps(row.parameter.split("[")[0])
 
 
 def derivatives(row: Row, samples: int, spp: int = SPP) -> Iterator[np.ndarray]:
-    """Yield the functionals' derivative of seed after seed, with so many boundary samples a pixel."""
+    """Yield the derivative of seed after seed, by a program for all that moves in the scene, or all its lights."""
+    names = {row.parameter}
+    for other in rows():
+        if _alike(other) == _alike(row) and _of_lights(other) == _of_lights(row):
+            names.add(other.parameter)
+    program = _slope(_alike(row)._replace(samples=samples), tuple(sorted(names)), spp)
     scene = built(row)
-    value, along = jaxrt.parameters(scene, row.parameter), direction(row, scene)
-
-    @jax.jit
-    def slope(key: Array) -> Array:
-        def picture(value: Array) -> Array:
-            moved = jaxrt.with_parameters(scene, {row.parameter: value})
-            return view(row, moved, key, spp, samples * row.size**2)
-
-        return jax.jvp(picture, (value,), (along,))[1]
-
+    changes = {name: jnp.zeros_like(jaxrt.parameters(scene, name)) for name in names}
+    changes[row.parameter] = direction(row, scene)
     for seed in range(2**31):
-        yield bumps(slope(jnp.uint32(seed)))
+        yield np.asarray(program(changes, jnp.uint32(seed)))
 
 
 def noise_of(values: Values) -> float:
@@ -135,7 +160,10 @@ class References:
         if row.name in CLOSED_FORMS:
             return self._closed(row)
         name = _digest(row)
-        found = self._read(name) or Reference(np.zeros((0, 27)), np.zeros((0, 27)), self._interior(row))
+        found = self._read(name)
+        if found is None:
+            none = np.zeros((0, row.size, row.size, 3), np.float32)
+            found = Reference(none, none, self._interior(row))
         while len(found.near) < self.keys and _wants_more(row, found):
             first = FD_FIRST + len(found.near)
             near = [difference(row, row.step, first + i) for i in range(FD_BATCH)]
@@ -144,13 +172,12 @@ class References:
             self._write(name, found)
         return found
 
-    def _interior(self, row: Row) -> Values:
+    def _interior(self, row: Row) -> Pictures:
         seeds = derivatives(row, 0, INTERIOR_SPP)
         return np.stack([next(seeds) for _ in range(INTERIOR_SEEDS)])
 
     def _closed(self, row: Row) -> Reference:
-        slope = bumps(np.full((row.size, row.size, 3), CLOSED_FORMS[row.name]))
-        exact = np.stack([slope, slope])
+        exact = np.full((2, row.size, row.size, 3), CLOSED_FORMS[row.name])
         return Reference(exact, exact, self._interior(row))
 
     def _all(self) -> dict[str, np.ndarray]:
@@ -179,13 +206,14 @@ def _digest(row: Row) -> str:
 def _wants_more(row: Row, found: Reference) -> bool:
     if len(found.near) < FD_BATCH:
         return True
-    return noise_of(found.near) > row.bound / 6 * np.linalg.norm(found.near.mean(0))
+    values = bumps(found.near)
+    return noise_of(values) > row.bound / 6 * np.linalg.norm(values.mean(0))
 
 
-def result(row: Row, reference: Reference, estimates: Values) -> Result:
+def result(row: Row, reference: Reference, found: Pictures) -> Result:
     """Return the figures of a row."""
-    truth = reference.near.mean(0)
-    near, wide, interior = reference
+    near, wide, interior, estimates = (bumps(pictures) for pictures in (*reference, found))
+    truth = near.mean(0)
     if row.less:
         # How large each is along the reference
         near, wide, interior, estimates = (
@@ -207,6 +235,7 @@ def result(row: Row, reference: Reference, estimates: Values) -> Result:
         interior=off(interior, truth),
         seeds=len(estimates),
         keys=len(near),
+        pictures=(reference.near.mean(0), reference.interior.mean(0), found.mean(0)),
     )
 
 

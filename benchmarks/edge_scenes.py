@@ -205,7 +205,7 @@ SCENES: dict[str, Description] = {
         {"position": [0.5, 2, 5], "target": [0, 1, 0], "fov": 42},
         spheres=[ball("ball", "red", [0.9, 0.5, 0.3], 0.5)],
         triangles=CORNER,
-        lights=[{"name": "lamp", "position": [-0.6, 1.4, -1.1], "intensity": 4, "radius": 0.4}],
+        lights=[{"position": [-0.6, 1.4, -1.1], "intensity": 4, "radius": 0.4}],
     ),
 }
 
@@ -283,7 +283,7 @@ def chain_rows() -> list[Row]:
     ball = "spheres.center[ball]"
     name = "ball in a corner, indirect part, depth 3"
     rows = [Row(f"{name}, {k}", "ball in a corner", ball, k, 0.05, 0.05, 3, less=1) for k in "xy"]
-    far, chance = 0.1, 16384
+    far, chance = 0.1, 8192
     return rows + [
         Row("mirror ball, ball x", "mirror ball", ball, "x", 0.05, 0.05, 2, fd_spp=chance),
         Row("mirror ball, light x", "mirror ball", "lights.position[0]", "x", 0.05, far, 2, fd_spp=chance),
@@ -318,7 +318,7 @@ OTHERS: dict[str, tuple[float, int, list[tuple[str, str]]]] = {
     "bright ball near a wall": (
         0.06,
         3,
-        [("lights.position[lamp]", "z"), ("lights.radius[lamp]", "one"), ("spheres.center[ball]", "y")],
+        [("lights.position[0]", "z"), ("lights.radius[0]", "one"), ("spheres.center[ball]", "y")],
     ),
 }
 
@@ -331,7 +331,7 @@ def other_rows() -> list[Row]:
             title, chance = f"{name}, {parameter} {motion}", depth > 2
             step = 0.06 if chance and not parameter.startswith("materials") else 0.03
             row = Row(title, name, parameter, motion, bound, step, depth, size=40, samples=4, seeds=16)
-            rows.append(row._replace(fd_spp=16384 if chance else row.fd_spp))
+            rows.append(row._replace(fd_spp=8192 if chance else row.fd_spp))
     return rows
 
 

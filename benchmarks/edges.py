@@ -1,12 +1,15 @@
 """Derivatives of everything that moves an edge against finite differences, each beside its bound.
 
-    python -m benchmarks.edges [--rows NAME...] [--list] [--references FILE [--prepare]]
+    python -m benchmarks.edges [--rows NAME...] [--list] [--references FILE [--prepare]] [--draw PNG]
     python -m benchmarks.edges --tables [--output docs/derivatives.png] [--peer-python PATH]
     python -m benchmarks.edges --cost
+    python -m benchmarks.edges --fits
 
 Prints a row for each: the error, what of it can be noise, its bound, and the error without edges. `--references` keeps
-finite differences in a file, so that only estimates are made anew; `--prepare` makes these and no more. `--tables`:
+finite differences in a file, so that only estimates are made anew; `--prepare` makes these and no more. `--draw`
+saves the derivative pictures. `--tables`:
 moving shadows and outlines by the number of samples, beside Mitsuba, and the pictures. `--cost`: gradients in renders.
+`--fits`: from how many starts what shows by its edges is found.
 Without `--rows` come besides what must not change: pictures, and programs of derivatives that move nothing of the kind.
 Exit status 1 where something does not hold.
 """
@@ -17,7 +20,7 @@ from pathlib import Path
 
 import jax
 
-from benchmarks import edge_cost, edge_same, edge_tables
+from benchmarks import edge_cost, edge_fits, edge_pictures, edge_same, edge_tables
 from benchmarks.edge_rows import References, Result, measure
 from benchmarks.edge_scenes import Row, rows
 from benchmarks.processes import cpu_model, wide_console
@@ -33,9 +36,11 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--list", action="store_true", help="print the rows' names, and no more")
     parser.add_argument("--references", type=Path, metavar="FILE", help="keep finite differences in this .npz file")
     parser.add_argument("--prepare", action="store_true", help="make the references, and no more")
+    parser.add_argument("--draw", type=Path, metavar="PNG", help="save the rows' derivative pictures")
     parser.add_argument("--keys", type=int, default=256, help="of finite differences, at most")
     parser.add_argument("--seeds", type=int, default=256, help="of estimates, at most")
     parser.add_argument("--cost", action="store_true", help="what gradients cost, and no more")
+    parser.add_argument("--fits", action="store_true", help="what is found by edges, and no more")
     parser.add_argument("--tables", action="store_true", help="tables by the number of samples, and the pictures")
     edge_tables.add_options(parser)
     return parser.parse_args()
@@ -47,15 +52,14 @@ def line(found: Result) -> str:
     return f"{found.row.name:<52}{shares}{found.seeds:7}{found.keys:9}{found.interior:10.3f}  {found.word}"
 
 
-def all_hold(chosen: list[Row], references: References, seeds: int) -> bool:
-    """Print the table, each row as soon as it is known, and return whether all hold."""
+def measured(chosen: list[Row], references: References, seeds: int) -> list[Result]:
+    """Print the table, each row as soon as it is known, and return what is found."""
     print(HEAD)
-    held = True
+    results = []
     for row in chosen:
-        found = measure(row, references, seeds)
-        held &= found.word == "holds"
-        print(line(found), flush=True)
-    return held
+        results.append(measure(row, references, seeds))
+        print(line(results[-1]), flush=True)
+    return results
 
 
 def main() -> int:
@@ -71,12 +75,17 @@ def main() -> int:
         return edge_tables.main(options, console)
     if options.cost:
         return edge_cost.main(console)
+    if options.fits:
+        return edge_fits.main(console)
     references = References(options.references, options.keys)
     if options.prepare:
         for row in chosen:
             console.print(row.name, len(references.of(row).near))
         return 0
-    held = all_hold(chosen, references, options.seeds)
+    results = measured(chosen, references, options.seeds)
+    if options.draw:
+        edge_pictures.draw(options.draw, results)
+    held = all(found.word == "holds" for found in results)
     return int(not (held and (bool(options.rows) or edge_same.holds(console))))
 
 
