@@ -13,13 +13,13 @@ from rich.console import Console
 from rich.table import Table
 
 import jaxrt
-from benchmarks.edge_scenes import BEFORE, GROUND, LAMP, PLANE, Description, ball, scene
+from benchmarks.edge_scenes import BEFORE, GROUND, LAMP, Description, ball, quad, scene
 from benchmarks.ladder import build
 from jaxrt.fit import Machine, Problem, sought
 from jaxrt.fit.answer import answer_of
 from jaxrt.fit.descent import descend
 
-SIZE, SPP, TARGET_SPP = 40, 64, 4096
+SIZE, SPP, TARGET_SPP = 40, 128, 4096
 STARTS = 20
 SHARE, NEAR = 1 / 5, 1 / 100  # of the scene's size: how far starts are, how near answers
 IOR, NEAR_IOR = 0.1, 0.01
@@ -31,28 +31,30 @@ class Task(NamedTuple):
     name: str
     description: Description
     parameters: tuple[str, ...]  # the first is a place
-    size: float  # of what the camera looks over
     depth: int
 
 
 def tasks() -> list[Task]:
     """Return the tasks."""
-    above = {"position": [0, 1.2, 3], "target": [0, 0, 0.3], "fov": 40}
-    shaded = scene(above, sky=1, spheres=[ball("ball", "grey", [0, 1.7, 0], 0.6)], triangles=PLANE)
+    above, floor = (
+        {"position": [0, 0.8, 0.8], "target": [0, 0, 0.2], "fov": 60},
+        quad([-2, 0, -2.5], [0, 0, 4], [4, 0, 0], "grey"),
+    )
+    shaded = scene(above, sky=1, spheres=[ball("ball", "grey", [0, 1.7, 0], 0.6)], triangles=floor)
     mirrored = scene(BEFORE, spheres=[ball("mirror", "mirror", [0, 1.2, -1], 1.2), GROUND], lights=[LAMP])
     glass = [ball("glass", "glass", [0, 1.2, 3], 0.6), ball("ball", "red", [0.1, 1, -0.5], 0.5), GROUND]
     through = scene(BEFORE, spheres=glass, lights=[LAMP])
     return [
-        Task("a ball by its shadow from the sky", shaded, ("spheres.center[ball]",), 4, 1),
-        Task("a lamp by its image in a mirror ball", mirrored, ("lights.position[0]",), 6, 2),
-        Task("a glass ball and its ior", through, ("spheres.center[glass]", "materials.ior[0]"), 4, 4),
+        Task("a ball by its shadow from the sky", shaded, ("spheres.center[ball]",), 1),
+        Task("a lamp by its image in a mirror ball", mirrored, ("lights.position[0]",), 2),
+        Task("a glass ball and its ior", through, ("spheres.center[glass]", "materials.ior[0]"), 4),
     ]
 
 
-def moved(task: Task, here: jaxrt.Scene, rng: np.random.Generator) -> jaxrt.Scene:
+def moved(task: Task, here: jaxrt.Scene, size: float, rng: np.random.Generator) -> jaxrt.Scene:
     """Return the scene at another start."""
     away = rng.normal(size=3)
-    away *= SHARE * task.size * rng.uniform() ** (1 / 3) / np.linalg.norm(away)
+    away *= SHARE * size * rng.uniform() ** (1 / 3) / np.linalg.norm(away)
     moves = {task.parameters[0]: away}
     moves |= {name: rng.uniform(-IOR, IOR) for name in task.parameters[1:]}
     for name, move in moves.items():
@@ -61,26 +63,23 @@ def moved(task: Task, here: jaxrt.Scene, rng: np.random.Generator) -> jaxrt.Scen
     return here
 
 
-def is_found(task: Task, truth: jaxrt.Scene, answer: jaxrt.Scene) -> bool:
+def is_found(task: Task, size: float, truth: jaxrt.Scene, answer: jaxrt.Scene) -> bool:
     """Return whether all that is sought is where it was."""
     off = [np.linalg.norm(jaxrt.parameters(answer, name) - jaxrt.parameters(truth, name)) for name in task.parameters]
-    return bool(off[0] <= NEAR * task.size and all(x <= NEAR_IOR for x in off[1:]))
+    return bool(off[0] <= NEAR * size and all(x <= NEAR_IOR for x in off[1:]))
 
 
 def fits(task: Task) -> list[tuple[bool, str]]:
     """Return of each start whether its end is the truth, and the verdict."""
     truth = build(task.description, width=SIZE, height=SIZE)
     target = jaxrt.render(truth, 1000, spp=TARGET_SPP, max_depth=task.depth)
-    rng, machine, found = np.random.default_rng(0), None, []
+    unknowns, rng, found = sought(truth, task.parameters), np.random.default_rng(0), []
+    program = Machine(Problem(truth, unknowns, target, jnp.ones(1), task.depth))
     for number in range(STARTS):
-        start = moved(task, truth, rng)
-        if machine is None:
-            unknowns = sought(start, task.parameters)
-            machine = Machine(Problem(start, unknowns, target, jnp.ones(1), task.depth))
-        else:
-            machine = machine.again(start)
+        start = moved(task, truth, unknowns.length, rng)
+        machine = program.again(start)
         answer = answer_of(start, machine.problem, descend(machine, SPP, number), {})
-        found.append((is_found(task, truth, answer.scene), answer.verdict.word))
+        found.append((is_found(task, unknowns.length, truth, answer.scene), answer.verdict.word))
     return found
 
 

@@ -7,6 +7,7 @@ row's bound. `step` is what steps twice as long say of the truncation: a third o
 
 import hashlib
 import json
+import time
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -52,6 +53,7 @@ class Result(NamedTuple):
     interior: float
     seeds: int
     keys: int
+    second: float  # the estimate's noise after one CPU second
     pictures: tuple[np.ndarray, np.ndarray, np.ndarray]  # finite differences, without edges, with edges
 
     @property
@@ -210,8 +212,8 @@ def _wants_more(row: Row, found: Reference) -> bool:
     return noise_of(values) > row.bound / 6 * np.linalg.norm(values.mean(0))
 
 
-def result(row: Row, reference: Reference, found: Pictures) -> Result:
-    """Return the figures of a row."""
+def result(row: Row, reference: Reference, found: Pictures, seconds: float) -> Result:
+    """Return the figures of a row. seconds: of CPU time, that one seed takes."""
     near, wide, interior, estimates = (bumps(pictures) for pictures in (*reference, found))
     truth = near.mean(0)
     if row.less:
@@ -235,6 +237,7 @@ def result(row: Row, reference: Reference, found: Pictures) -> Result:
         interior=off(interior, truth),
         seeds=len(estimates),
         keys=len(near),
+        second=noise_of(estimates) / size * (len(estimates) * seconds) ** 0.5,
         pictures=(reference.near.mean(0), reference.interior.mean(0), found.mean(0)),
     )
 
@@ -243,7 +246,11 @@ def measure(row: Row, references: References, most: int) -> Result:
     """Return the figures of a row, averaged over as many seeds as its bound wants and at most so many."""
     reference = references.of(row)
     seeds = derivatives(row, row.samples)
-    estimates = np.stack([next(seeds) for _ in range(row.seeds)])
-    while len(estimates) < most and result(row, reference, estimates).noise > row.bound / 3:
-        estimates = np.stack([*estimates, *(next(seeds) for _ in range(len(estimates)))])
-    return result(row, reference, estimates)
+    estimates, wanted = [next(seeds)], row.seeds
+    begun = time.process_time()
+    while True:
+        estimates += [next(seeds) for _ in range(wanted - len(estimates))]
+        seconds, wanted = (time.process_time() - begun) / (wanted - 1), 2 * wanted
+        found = result(row, reference, np.stack(estimates), seconds)
+        if len(estimates) >= most or found.noise <= row.bound / 3:
+            return found

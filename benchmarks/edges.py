@@ -5,11 +5,11 @@
     python -m benchmarks.edges --cost
     python -m benchmarks.edges --fits
 
-Prints a row for each: the error, what of it can be noise, its bound, and the error without edges. `--references` keeps
-finite differences in a file, so that only estimates are made anew; `--prepare` makes these and no more. `--draw`
-saves the derivative pictures. `--tables`:
-moving shadows and outlines by the number of samples, beside Mitsuba, and the pictures. `--cost`: gradients in renders.
-`--fits`: from how many starts what shows by its edges is found.
+Prints a row for each: the error, what of it can be noise, its bound, the error without edges, and the noise after one
+CPU second. `--references` keeps finite differences in a file, so that only estimates are made anew; `--prepare` makes
+these and no more. `--draw` saves the derivative pictures. `--tables`: moving shadows and outlines by the number of
+samples, beside Mitsuba, and the pictures. `--cost`: gradients in renders. `--fits`: from how many starts what shows by
+its edges is found.
 Without `--rows` come besides what must not change: pictures, and programs of derivatives that move nothing of the kind.
 Exit status 1 where something does not hold.
 """
@@ -26,7 +26,7 @@ from benchmarks.edge_scenes import Row, rows
 from benchmarks.processes import cpu_model, wide_console
 
 HEAD = f"{'d/d':<52}{'error':>8}{'own noise':>11}{'FD noise':>10}{'FD step':>9}{'bound':>7}{'seeds':>7}{'FD keys':>9}"
-HEAD += f"{'interior':>10}"
+HEAD += f"{'interior':>10}{'in 1 CPU s':>12}"
 
 
 def arguments() -> argparse.Namespace:
@@ -49,7 +49,8 @@ def arguments() -> argparse.Namespace:
 def line(found: Result) -> str:
     """Return a row of the table."""
     shares = f"{found.error:8.4f}{found.noise:11.4f}{found.fd_noise:10.4f}{found.step:9.4f}{found.row.bound:7.2f}"
-    return f"{found.row.name:<52}{shares}{found.seeds:7}{found.keys:9}{found.interior:10.3f}  {found.word}"
+    shares += f"{found.seeds:7}{found.keys:9}{found.interior:10.3f}{found.second:12.4f}"
+    return f"{found.row.name:<52}{shares}  {found.word}"
 
 
 def measured(chosen: list[Row], references: References, seeds: int) -> list[Result]:

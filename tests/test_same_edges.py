@@ -23,7 +23,7 @@ from jaxrt.boundary import clearance_of, sample_edges, splat
 
 SIZE, SEEDS, SAMPLES = 16, 16, 16384
 ERRORS = 6  # standard errors
-CAMERA = {"position": [0, 1.5, 4], "target": [0, 1, 0], "fov": 45}
+CAMERA = {"position": [0, 1.5, 4], "target": [0, 1.1, -10], "fov": 17}
 
 
 def still_life(camera: Description, **more: list) -> Description:
@@ -35,14 +35,14 @@ def still_life(camera: Description, **more: list) -> Description:
         spheres=[ball("ball", "blue", [0.9, 0.8, 5.9], 0.6), *more.get("spheres", [])],
         lights=[
             {"position": [1.5, 5, 3], "intensity": 40},
-            {"position": [-0.2, 2.1, 6.5], "intensity": 4, "radius": 0.25},
+            {"position": [0, 2, 6.5], "intensity": 0.4, "radius": 0.3},
         ],
     )
 
 
 def descriptions() -> dict[str, tuple[Description, int]]:
     """Return three views of one picture, and after how many events each ends."""
-    turned = {"position": [0, 1.5, -8], "target": [0, 1, -4], "fov": 45}
+    turned = {"position": [0, 1.5, -8], "target": [0, 1.1, 6], "fov": 17}
     mirror = quad([-9, -9, -2], [18, 0, 0], [0, 18, 0], "mirror")
     views = {
         "direct": (still_life(turned), 1),
@@ -111,6 +111,5 @@ def test_edges_move_as_they_do_without(view, move):
     truth, found = slopes("direct")[move], slopes(view)[move]
     bound = ERRORS * np.sqrt((truth.var(0, ddof=1) + found.var(0, ddof=1)) / SEEDS)
     size = np.linalg.norm(truth.mean(0))
-    print(view, move, np.linalg.norm(found.mean(0) - truth.mean(0)) / size, np.linalg.norm(bound) / ERRORS / size)
     assert np.linalg.norm(bound) < 0.5 * size, "too noisy to tell"
     assert np.all(np.abs(found.mean(0) - truth.mean(0)) < bound)
