@@ -53,18 +53,6 @@ def crossing():
     )
 
 
-def in_mirrors():
-    """Return a mesh and a ball behind the camera, which a mirror shows, and their shadows; and a mirror ball."""
-    return scene(
-        {"position": [0, 1.5, 4], "target": [0, 1, 0], "fov": 45},
-        triangles=quad([-6, 0, -2], [12, 0, 0], [0, 8, 0], "mirror")
-        + quad([-6, 0, -2], [0, 0, 12], [12, 0, 0], "dark"),
-        meshes=[box("box", "red", [-0.9, 1.2, 5.5], 0.5, [10, 30, 0])],
-        spheres=[ball("ball", "blue", [1, 1, 5.5], 0.6), ball("mirror", "mirror", [0.9, 0.6, 1.2], 0.5)],
-        lights=[{"position": [2, 5, 1], "intensity": 60}],
-    )
-
-
 RUNGS = {
     "crossing": Rung(
         crossing(),
@@ -73,7 +61,6 @@ RUNGS = {
         0.02,
         4096,
     ),
-    "mirrors": Rung(in_mirrors(), 2, {"spheres.center[ball]": Y}),
 }
 
 
