@@ -18,14 +18,13 @@ def motion(mi, kind, theta):
     return mi.Transform4f().translate(mi.Vector3f(theta, 0, 0))
 
 
-def move(mi, dr, parameters, names, transform):
-    """Apply a transform to meshes (by their vertices), sphere lights and the camera, by their names."""
-    for name in names:
-        if f"{name}.to_world" in parameters:
-            parameters[f"{name}.to_world"] = transform @ mi.Transform4f(parameters[f"{name}.to_world"])
+def move(mi, dr, parameters, start, transform):
+    """Set the parameters to where a transform takes them: places of lights and of the camera, or vertices."""
+    for key, value in start.items():
+        if key.endswith(".to_world"):
+            parameters[key] = transform @ value
         else:
-            key = f"{name}.vertex_positions"
-            parameters[key] = dr.ravel(transform @ dr.unravel(mi.Point3f, parameters[key]))
+            parameters[key] = dr.ravel(transform @ dr.unravel(mi.Point3f, value))
     parameters.update()
 
 
@@ -33,12 +32,16 @@ def derivatives(mi, dr, options, integrator):
     """Return the derivative pictures (seeds, H, W, 3), by forward differentiation."""
     scene = scene_of(mi, options.scene, options)
     parameters = mi.traverse(scene)
-    theta = mi.Float(0)
-    dr.enable_grad(theta)
-    move(mi, dr, parameters, options.moved, motion(mi, options.motion, theta))
-    dr.forward(theta, dr.ADFlag.ClearEdges)
+    of = {"mesh": "vertex_positions"}
+    keys = [f"{name}.{of.get(name.split('_')[0], 'to_world')}" for name in options.moved]
+    start = {key: type(parameters[key])(parameters[key]) for key in keys}
     found = []
     for seed in range(options.seeds):
+        # Anew for each seed: a render takes the derivatives off the parameters
+        theta = mi.Float(0)
+        dr.enable_grad(theta)
+        move(mi, dr, parameters, start, motion(mi, options.motion, theta))
+        dr.forward(theta, dr.ADFlag.ClearEdges)
         picture = integrator.render_forward(scene, params=theta, seed=seed, spp=options.spp)
         found.append(np.array(dr.detach(picture)))
     return np.stack(found)
