@@ -218,7 +218,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `main`."""
     parser.add_argument("--output", default="docs/derivatives.png", help="where --tables draws its pictures")
     parser.add_argument("--fd-spp", type=int, default=1024, help="of the finite differences of --tables")
-    parser.add_argument("--peer-python", help="a Python that has Mitsuba, for --tables")
+    parser.add_argument("--peer-python", help="a Python that has Mitsuba, for both kinds of tables")
 
 
 def main(options: argparse.Namespace, console: Console) -> int:

@@ -2,14 +2,15 @@
 
     python -m benchmarks.edges [--rows NAME...] [--list] [--references FILE [--prepare]] [--draw PNG]
     python -m benchmarks.edges --tables [--output docs/derivatives.png] [--peer-python PATH]
+    python -m benchmarks.edges --peer-configurations [--peer-python PATH]
     python -m benchmarks.edges --cost
     python -m benchmarks.edges --fits
 
 Prints a row for each: the error, what of it can be noise, its bound, the error without edges, and the noise after one
 CPU second. `--references` keeps finite differences in a file, so that only estimates are made anew; `--prepare` makes
 these and no more. `--draw` saves the derivative pictures. `--tables`: moving shadows and outlines by the number of
-samples, beside Mitsuba, and the pictures. `--cost`: gradients in renders. `--fits`: from how many starts what shows by
-its edges is found.
+samples, beside Mitsuba, and the pictures. `--peer-configurations`: Mitsuba's own tests. `--cost`: gradients in renders.
+`--fits`: from how many starts what shows by its edges is found.
 Without `--rows` come besides what must not change: pictures, and programs of derivatives that move nothing of the kind.
 Exit status 1 where something does not hold.
 """
@@ -20,7 +21,7 @@ from pathlib import Path
 
 import jax
 
-from benchmarks import edge_cost, edge_fits, edge_pictures, edge_same, edge_tables
+from benchmarks import edge_cost, edge_fits, edge_peer, edge_pictures, edge_same, edge_tables
 from benchmarks.edge_rows import References, Result, measure
 from benchmarks.edge_scenes import Row, rows
 from benchmarks.processes import cpu_model, wide_console
@@ -41,6 +42,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--seeds", type=int, default=256, help="of estimates, at most")
     parser.add_argument("--cost", action="store_true", help="what gradients cost, and no more")
     parser.add_argument("--fits", action="store_true", help="what is found by edges, and no more")
+    parser.add_argument("--peer-configurations", action="store_true", help="those of Mitsuba's tests, and no more")
     parser.add_argument("--tables", action="store_true", help="tables by the number of samples, and the pictures")
     edge_tables.add_options(parser)
     return parser.parse_args()
@@ -74,6 +76,8 @@ def main() -> int:
     console.print(f"{cpu_model()}; jax {jax.__version__}")
     if options.tables:
         return edge_tables.main(options, console)
+    if options.peer_configurations:
+        return edge_peer.main(options, console)
     if options.cost:
         return edge_cost.main(console)
     if options.fits:

@@ -131,7 +131,8 @@ def scene_of(mi, path, options):
     if "environment" in text:
         scene["environment"] = {"type": "constant", "radiance": rgb(text["environment"]["radiance"])}
     options.spp = options.spp or defaults.get("spp", 64)
-    return mi.load_dict(scene)
+    # Mitsuba merges meshes of one material, and their names are lost
+    return mi.load_dict(scene, optimize=getattr(options, "optimize", True))
 
 
 def render(mi, dr, scene, spp, seed):
