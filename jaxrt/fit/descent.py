@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from jaxrt.fit.lacks import Missing
 from jaxrt.fit.solve import Look, Machine
-from jaxrt.fit.verdict import Verdict, judge
+from jaxrt.fit.verdict import Verdict, instrumental, judge
 
 Vector = NDArray[np.floating]
 Floats = NDArray[np.float64]
@@ -46,6 +46,7 @@ class Progress(NamedTuple):
     losses: tuple[float, ...]  # of all steps so far
     step_size: float | None = None  # of the next step; None where a stage begins
     waiting: int = 0  # steps without gain, the last ones
+    rounds: int = 1  # of edge samples in this stage
 
 
 class Step(NamedTuple):
@@ -96,7 +97,7 @@ def descend(
                 values = machine.problem.unknowns.values(now.vector)
                 report(Step(now.step, before.stage + 1, samples, now.loss, look.accepted, values, left, now))
         if now.stage == len(STAGES):
-            now = now._replace(vector=_polish(machine, now.vector, spp, seed), stage=DONE)
+            now = now._replace(vector=_polish(machine, now.vector, spp, seed, now.rounds), stage=DONE)
     except KeyboardInterrupt as stop:
         interrupted = getattr(stop, "number", signal.SIGINT)
     return _judged(machine, start, now, spp, seed, interrupted)
@@ -109,7 +110,10 @@ def _samples(spp: int, stage: int) -> int:
 def _steps(machine: Machine, now: Progress, spp: int, seed: int, max_steps: int) -> Iterator[tuple[Look, Progress]]:
     """Yield each step of all stages, and where the fit stands after it."""
     while now.stage < len(STAGES) and now.step < max_steps:
-        looks = machine.steps(now.vector, seed, _samples(spp, now.stage), now.step_size)
+        samples = _samples(spp, now.stage)
+        if now.step_size is None:
+            now = now._replace(rounds=machine.rounds_at(now.vector, seed, samples))
+        looks = machine.steps(now.vector, seed, samples, now.step_size, now.rounds)
         if now.step_size is not None:
             next(looks)  # where the fit stood already
         for look in looks:
@@ -125,7 +129,8 @@ def _after(now: Progress, look: Look) -> Progress:
     slow = look.accepted and not first and look.loss > (1 - stage.enough) * now.loss
     waiting = 0 if look.accepted and not slow else now.waiting + 1
     ended = look.promise < stage.enough or waiting >= (SLOW if slow else stage.patience)
-    stands = Progress(now.step + 1, now.stage, look.vector, look.loss, (*now.losses, look.loss))
+    losses = (*now.losses, look.loss)
+    stands = Progress(now.step + 1, now.stage, look.vector, look.loss, losses, rounds=now.rounds)
     if ended:
         return stands._replace(stage=now.stage + 1)
     return stands._replace(step_size=look.step_size, waiting=waiting)
@@ -158,7 +163,7 @@ class _Clock:
         return (time.perf_counter() - self._begun) * ahead / self._paid
 
 
-def _polish(machine: Machine, vector: Vector, spp: int, seed: int) -> Vector:
+def _polish(machine: Machine, vector: Vector, spp: int, seed: int, rounds: int) -> Vector:
     """Return the vector without the bias of one set of samples.
 
     Noise is in the residual and in its Jacobian alike: the least sum of squares is where both are small, which favours
@@ -166,14 +171,14 @@ def _polish(machine: Machine, vector: Vector, spp: int, seed: int) -> Vector:
     such bias. A step counts if the product of two residuals, a loss without bias, falls.
     """
     seeds = [(seed + k) % 2**32 for k in (0, 3)]
-    best, (residuals, jacobians) = vector, _pair(machine, vector, spp, seeds)
+    best, (residuals, jacobians) = vector, _pair(machine, vector, spp, seeds, rounds)
     loss = float(np.sum(residuals[0] * residuals[1]))
     for _ in range(POLISH):
-        moves = [_instrumental(jacobians[i], jacobians[1 - i]) @ residuals[i].ravel() for i in (0, 1)]
+        moves = [instrumental(jacobians[i], jacobians[1 - i], TINY) @ residuals[i].ravel() for i in (0, 1)]
         trial = (best - np.mean(moves, axis=0)).astype(vector.dtype)
         if not np.abs(trial - best).max() < LARGEST_MOVE:
             break
-        residuals, jacobians = _pair(machine, trial, spp, seeds)
+        residuals, jacobians = _pair(machine, trial, spp, seeds, rounds)
         gained = float(np.sum(residuals[0] * residuals[1]))
         if not gained < loss:
             break
@@ -181,17 +186,12 @@ def _polish(machine: Machine, vector: Vector, spp: int, seed: int) -> Vector:
     return best
 
 
-def _pair(machine: Machine, vector: Vector, spp: int, seeds: list[int]) -> tuple[list[Floats], list[Floats]]:
+def _pair(
+    machine: Machine, vector: Vector, spp: int, seeds: list[int], rounds: int
+) -> tuple[list[Floats], list[Floats]]:
     """Return residuals and Jacobians of two seeds."""
-    a, b = (machine.evaluate(vector, seed, spp) for seed in seeds)
+    a, b = (machine.evaluate(vector, seed, spp, rounds) for seed in seeds)
     return [a[0], b[0]], [a[1], b[1]]
-
-
-def _instrumental(jacobian: Floats, instrument: Floats) -> Floats:
-    """Return (J₂ᵀJ₁)⁻¹J₂ᵀ (k, n), which turns a residual of the samples of J₁ into a step."""
-    k = jacobian.shape[-1]
-    here, other = jacobian.reshape(-1, k), instrument.reshape(-1, k)
-    return np.linalg.pinv(other.T @ here, rcond=TINY) @ other.T
 
 
 def choose_start(machine: Machine, starts: int, spp: int, seed: int) -> Vector:
@@ -212,13 +212,13 @@ def choose_start(machine: Machine, starts: int, spp: int, seed: int) -> Vector:
 def _judged(machine: Machine, start: Vector, now: Progress, spp: int, seed: int, interrupted: int) -> Found:
     """Return what was found with its verdict, or the start if that is better on fresh seeds."""
     problem, first, second = machine.problem, (seed + 1) % 2**32, (seed + 2) % 2**32
-    before, now_there = _pair(machine, start, spp, [first, second]), _pair(machine, now.vector, spp, [first, second])
+    before, now_there = (_pair(machine, at, spp, [first, second], now.rounds) for at in (start, now.vector))
     # The product of two residuals: a sum of squares would favour what is less noisy
     if np.sum(before[0][0] * before[0][1]) < np.sum(now_there[0][0] * now_there[0][1]):
         now, now_there = now._replace(vector=start), before
-    (residual, again), (jacobian, _) = now_there
+    (residual, again), jacobians = now_there
     places = np.concatenate([np.full(row.size, row.kind == "place") for row in problem.unknowns.rows])
-    verdict = judge((residual, again), jacobian, problem.unknowns.labels(), places)
+    verdict = judge((residual, again), (jacobians[0], jacobians[1]), problem.unknowns.labels(), places)
     target = np.asarray(problem.target * problem.weight, float)
     pictures = before[0][0] * problem.scale + target, residual * problem.scale + target
     return Found(now.vector, verdict, now, interrupted, pictures)

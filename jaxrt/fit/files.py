@@ -15,7 +15,7 @@ from jaxrt.description import show
 from jaxrt.fit.answer import Fit
 from jaxrt.fit.descent import DONE, Progress
 from jaxrt.fit.lacks import Missing
-from jaxrt.fit.solve import FitError
+from jaxrt.fit.solve import MOST_ROUNDS, FitError
 from jaxrt.fit.unknowns import Unknowns
 from jaxrt.io.color import gamma_encode, srgb_encode
 from jaxrt.io.files import SCENE_BYTES, read_bytes
@@ -106,7 +106,7 @@ def read_progress(path: Path, unknowns: Unknowns) -> Progress:
         report = json.loads(data)
         names, progress = list(report["parameters"].keys()), report["progress"]
         vector, losses, stage = _numbers(progress["vector"]), _numbers(progress["losses"]), progress["stage"]
-        step_size, waiting = progress.get("step_size"), progress.get("waiting", 0)
+        step_size, waiting, rounds = progress.get("step_size"), progress.get("waiting", 0), progress.get("rounds", 1)
         sizes = _numbers([] if step_size is None else [step_size])
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         raise FitError(f"{path}: is no report of a fit: nothing to resume, leave out --resume") from None
@@ -116,10 +116,11 @@ def read_progress(path: Path, unknowns: Unknowns) -> Progress:
         raise FitError(f"{path}: has {len(vector)} unknowns where the fit has others: leave out --resume")
     if type(stage) is not int or not 0 <= stage <= DONE:
         raise FitError(f"{path}: stage {show(stage)} is none of a fit: leave out --resume")
-    if type(waiting) is not int or any(size <= 0 for size in sizes):
-        raise FitError(f"{path}: step_size or waiting is none of a fit: leave out --resume")
+    counts = type(waiting) is int and type(rounds) is int and 1 <= rounds <= MOST_ROUNDS
+    if not counts or any(size <= 0 for size in sizes):
+        raise FitError(f"{path}: step_size, waiting or rounds is none of a fit: leave out --resume")
     loss, size = losses[-1] if losses else math.inf, sizes[0] if sizes else None
-    return Progress(len(losses), stage, np.asarray(vector, np.float32), loss, losses, size, waiting)
+    return Progress(len(losses), stage, np.asarray(vector, np.float32), loss, losses, size, waiting, rounds)
 
 
 def _numbers(values: Any) -> tuple[float, ...]:

@@ -29,12 +29,14 @@ from jaxrt.scene.measures import bends_light, moves_lamps, moves_shapes
 Floats = NDArray[np.float64]
 Vector = NDArray[np.floating]
 
-EDGES_PER_PIXEL = 4
+EDGES_PER_PIXEL = 4  # in one round
+MOST_ROUNDS = 16  # of edge samples, where noise hides what moving edges change
 GAIN = 30.0  # the solver's unit of residuals, for its first damping, 1, to be 1/900 of the target's sum of squares
 
 
 SHORTER = 1 / 16  # step size after a rejected step, of the one before
 TINY = 1e-30  # loss that is none
+ROUND = np.uint32(0x9E3779B9)  # between the seeds of rounds
 
 
 class FitError(SceneError):
@@ -100,7 +102,7 @@ class Machine:
         solver: Any = optimistix.LevenbergMarquardt(rtol=0.0, atol=0.0)
         search: Any = optimistix.ClassicalTrustRegion(low_constant=SHORTER)
         solver = equinox.tree_at(lambda solver: solver.search, solver, search)
-        arguments, nothing = self._arguments(0, 1), frozenset[object]()
+        arguments, nothing = self._arguments(0, 1, 1), frozenset[object]()
         outputs = jax.eval_shape(residual, self.start, arguments)
         fresh = solver.init(residual, self.start, arguments, {}, *outputs, nothing)
         arrays, program = equinox.partition(fresh, equinox.is_array)
@@ -123,27 +125,31 @@ class Machine:
         other._constants = (problem.scene, problem.target, problem.weight * (GAIN / problem.scale))
         return other
 
-    def _arguments(self, seed: int, spp: int) -> tuple[Any, Any, Any]:
-        return self._constants, np.uint32(seed), np.int32(spp)
+    def _arguments(self, seed: int, spp: int, rounds: int) -> tuple[Any, Any, Any, Any]:
+        return self._constants, np.uint32(seed), np.int32(spp), np.int32(rounds)
 
-    def _from(self, vector: Vector, seed: int, spp: int, step_size: float | None) -> Iterator[tuple[Vector, Any]]:
+    def _from(
+        self, vector: Vector, seed: int, spp: int, step_size: float | None, rounds: int
+    ) -> Iterator[tuple[Vector, Any]]:
         """Yield the best vector and the solver's state after each step, the first of which only looks at `vector`."""
         y, fresh = np.asarray(vector, self.start.dtype), self._fresh
         size = fresh.search_state.step_size if step_size is None else np.asarray(step_size, self.start.dtype)
         search = fresh.search_state.__class__(step_size=size)
         state = fresh.__class__(**(vars(fresh) | {"y_eval": y, "search_state": search}))
         while True:
-            y, state = jax.tree.map(np.asarray, self._step(y, self._arguments(seed, spp), state))
+            y, state = jax.tree.map(np.asarray, self._step(y, self._arguments(seed, spp, rounds), state))
             yield y, state
 
-    def steps(self, vector: Vector, seed: int, spp: int, step_size: float | None = None) -> Iterator[Look]:
+    def steps(
+        self, vector: Vector, seed: int, spp: int, step_size: float | None = None, rounds: int = 1
+    ) -> Iterator[Look]:
         """Yield what each step shows, from `vector` on, for ever; the first only looks at `vector`.
 
-        step_size: None is the solver's own. Raises FitError where a picture is not finite: comparisons with NaN would
-        reject every step, and look converged.
+        step_size: None is the solver's own. rounds: of edge samples. Raises FitError where a picture is not finite:
+        comparisons with NaN would reject every step, and look converged.
         """
         count = 0
-        for y, state in self._from(vector, seed, spp, step_size):
+        for y, state in self._from(vector, seed, spp, step_size, rounds):
             if not np.isfinite(state.y_eval).all():
                 raise FitError(f"fit: no finite step from {self.problem.unknowns.values(y)}: check scene and target")
             accepted, count = int(state.num_accepted_steps) > count, int(state.num_accepted_steps)
@@ -152,12 +158,25 @@ class Machine:
             promise = promised_gain(residual, jacobian, None if accepted else state.y_eval - y) / max(loss, TINY)
             yield Look(y, loss / GAIN**2, accepted, promise, float(state.search_state.step_size))
 
-    def evaluate(self, vector: Vector, seed: int, spp: int) -> tuple[Floats, Floats]:
+    def rounds_at(self, vector: Vector, seed: int, spp: int) -> int:
+        """Return how many rounds of edge samples make the Jacobian's noise no larger than what it tells.
+
+        Where it is larger, its square is mostly noise: steps are too short, and standard errors too small.
+        """
+        if self.problem.edges == 0:
+            return 1
+        pair = [self.evaluate(vector, (seed + k) % 2**32, spp)[1].reshape(-1, self.start.size) for k in (0, 5)]
+        told = np.sum(pair[0] * pair[1], axis=0)
+        size = np.sum(pair[0] ** 2 + pair[1] ** 2, axis=0) / 2
+        noise = (size - told)[size > 0] / np.maximum(told, size / (1 + MOST_ROUNDS))[size > 0]
+        return int(np.ceil(np.clip(noise.max(initial=1), 1, MOST_ROUNDS)))
+
+    def evaluate(self, vector: Vector, seed: int, spp: int, rounds: int = 1) -> tuple[Floats, Floats]:
         """Return residual (height, width, 3) and Jacobian (height, width, 3, k) at `vector`, drawn anew.
 
         Raises FitError where they are not finite.
         """
-        _, state = next(self._from(vector, seed, spp, None))
+        _, state = next(self._from(vector, seed, spp, None, rounds))
         residual, jacobian = (x.astype(float) / GAIN for x in state.aux)
         if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
             where = self.problem.unknowns.values(vector)
@@ -172,13 +191,13 @@ def _linear_model(
     sampler: str,
     edges: int,
     vector: Array,
-    arguments: tuple[Any, Array, Array],
+    arguments: tuple[Any, Array, Array, Array],
 ) -> tuple[Array, tuple[Array, Array]]:
     """Return the residual (n,) as a function of `vector`, linear around it, and (residual, Jacobian)."""
-    (scene, target, weight), seed, spp = arguments
+    (scene, target, weight), seed, spp, rounds = arguments
 
     def residual(vector: Array) -> Array:
-        picture = picture_of(unknowns.apply(scene, vector), seed, spp, max_depth, sampler, edges)
+        picture = picture_of(unknowns.apply(scene, vector), seed, spp, max_depth, sampler, edges, rounds)
         return ((picture - target) * weight).ravel()
 
     here = lax.stop_gradient(vector)
@@ -186,11 +205,19 @@ def _linear_model(
     return value + jnp.matmul(jacobian, vector - here, precision=lax.Precision.HIGHEST), (value, jacobian)
 
 
-def picture_of(scene: Scene, seed: Array, spp: Array, max_depth: int | None, sampler: str, edges: int) -> Array:
-    """Return what `jaxrt.render` returns, with a seed and samples per pixel that may change without compiling again."""
+def picture_of(
+    scene: Scene, seed: Array, spp: Array, max_depth: int | None, sampler: str, edges: int, rounds: Array
+) -> Array:
+    """Return what `jaxrt.render` returns, with a seed and counts that may change without compiling again."""
     plain, run, plan = prepare(scene, seed, 0, spp, spp, max_depth=max_depth, sampler=sampler)
     total = draw_sum(plain, run, plan)
     picture = total / spp.astype(total.dtype)
     if edges == 0:
         return picture
-    return picture + moving_edges(plain, run.seed, boundary.Plan(edges, plan.max_depth, False, False, plan.devices))
+    budget = boundary.Plan(edges, plan.max_depth, False, False, plan.devices)
+
+    def more(number: Array, sum_of: Array) -> Array:
+        # Far from the seeds that a fit takes one by one
+        return sum_of + moving_edges(plain, run.seed + number.astype(jnp.uint32) * ROUND, budget)
+
+    return picture + lax.fori_loop(0, rounds, more, jnp.zeros_like(picture)) / rounds.astype(picture.dtype)

@@ -34,13 +34,16 @@ class Verdict(NamedTuple):
     errors: Floats  # (k,) standard errors of the vector's components, inf where not determined
 
 
-def judge(residuals: tuple[Floats, Floats], jacobian: Floats, labels: list[str], places: NDArray[np.bool_]) -> Verdict:
+def judge(
+    residuals: tuple[Floats, Floats], jacobians: tuple[Floats, Floats], labels: list[str], places: NDArray[np.bool_]
+) -> Verdict:
     """Return the verdict on an answer.
 
-    residuals: (height, width, 3) of two fresh seeds, in units in which the target's sum of squares is 1. jacobian:
-    (height, width, 3, k) of the first. labels: names of the k components; places: (k,) which of them are places.
+    residuals: (height, width, 3) of two fresh seeds, in units in which the target's sum of squares is 1. jacobians:
+    (height, width, 3, k). labels: names of the k components; places: (k,) which of them are places.
     """
     a, b = residuals
+    jacobian = jacobians[0]
     matrix = jacobian.reshape(-1, jacobian.shape[-1])
     loss, floor = float(np.mean([np.sum(a**2), np.sum(b**2)])), float(np.sum((a - b) ** 2) / 2)
     structured, significance = _structure(a, b)
@@ -53,7 +56,7 @@ def judge(residuals: tuple[Floats, Floats], jacobian: Floats, labels: list[str],
         for s, direction in zip(values, directions, strict=True)
         if s * AMBIGUOUS <= values[0]
     ]
-    errors = standard_errors(jacobian, a) if condition <= AMBIGUOUS else np.full(len(labels), np.inf)
+    errors = standard_errors(jacobian, a, jacobians[1]) if condition <= AMBIGUOUS else np.full(len(labels), np.inf)
     slope = matrix.T @ a.ravel()
     gradient = float(np.max(np.abs(slope) / np.maximum(columns * np.linalg.norm(a), 1e-30)))
     explained = structured <= UNEXPLAINED or significance <= SIGNIFICANT
@@ -125,16 +128,28 @@ def _shares(direction: Floats, labels: list[str]) -> dict[str, float]:
     return {n: round(float(v), 3) for n, v in zip(labels, direction, strict=True) if abs(v) >= NAMED}
 
 
-def standard_errors(jacobian: Floats, residual: Floats) -> Floats:
+def standard_errors(jacobian: Floats, residual: Floats, other: Floats | None = None) -> Floats:
     """Return the standard errors (k,) of a least-squares answer, from J (..., c, k) and the residual (..., c) there.
 
     The sandwich (JᵀJ)⁻¹ Jᵀ S J (JᵀJ)⁻¹ (White 1980), S = rrᵀ within each pixel: path-traced noise is not alike in all
     pixels, that of shadow edges, which place a light, is large; and the c channels of a pixel share their samples.
+    other: J of other samples. JᵀJ of one alone is too large by J's own noise, and the errors are too small.
     """
     channels, k = jacobian.shape[-2:]
-    inverse = np.linalg.pinv(jacobian.reshape(-1, k))
+    first, second = jacobian, jacobian if other is None else other
+    inverse = (instrumental(first, second) + instrumental(second, first)) / 2
     scores = (inverse * residual.ravel()).reshape(k, -1, channels).sum(axis=-1)
     return np.sqrt(np.sum(scores**2, axis=1))
+
+
+def instrumental(jacobian: Floats, instrument: Floats, least: float = 1e-12) -> Floats:
+    """Return (J₂ᵀJ₁)⁻¹J₂ᵀ (k, n), which turns a residual into a step.
+
+    least: singular value of J₂ᵀJ₁, of the largest, that is not taken for zero.
+    """
+    k = jacobian.shape[-1]
+    here, other = jacobian.reshape(-1, k), instrument.reshape(-1, k)
+    return np.linalg.pinv(other.T @ here, rcond=least) @ other.T
 
 
 def promised_gain(residual: Floats, jacobian: Floats, step: NDArray[np.floating] | None) -> float:

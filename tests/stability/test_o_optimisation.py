@@ -259,7 +259,7 @@ def test_standard_errors_are_the_scatter_over_64_seeds(position: Machine) -> Non
             residual, jacobian = position.evaluate(vector, seed, SPP)
             matrix = jacobian.reshape(-1, 3)
             vector = vector - np.linalg.lstsq(matrix, residual.ravel(), rcond=None)[0]
-        verdict = judge((residual, residual), jacobian, list("xyz"), np.ones(3, bool))
+        verdict = judge((residual, residual), (jacobian, jacobian), list("xyz"), np.ones(3, bool))
         found.append(vector)
         errors.append(verdict.errors)
     scatter = np.std(found, axis=0, ddof=1)
