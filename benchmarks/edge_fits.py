@@ -42,7 +42,8 @@ def tasks() -> list[Task]:
         quad([-2, 0, -2.5], [0, 0, 4], [4, 0, 0], "grey"),
     )
     shaded = scene(above, sky=1, spheres=[ball("ball", "grey", [0, 1.7, 0], 0.6)], triangles=floor)
-    mirrored = scene(BEFORE, spheres=[ball("mirror", "mirror", [0, 1.2, -1], 1.2), GROUND], lights=[LAMP])
+    near, lamp = {"position": [0, 2, 3.5], "target": [0, 1.2, -1], "fov": 35}, LAMP | {"radius": 1.2}
+    mirrored = scene(near, spheres=[ball("mirror", "mirror", [0, 1.2, -1], 1.2), GROUND], lights=[lamp])
     glass = [ball("glass", "glass", [0, 1.2, 3], 0.6), ball("ball", "red", [0.1, 1, -0.5], 0.5), GROUND]
     through = scene(BEFORE, spheres=glass, lights=[LAMP])
     return [
