@@ -20,6 +20,10 @@ from benchmarks.edge_rows import bumps
 from benchmarks.edge_scenes import Description, ball, box, quad, scene
 from benchmarks.ladder import build
 from jaxrt.boundary import clearance_of, sample_edges, splat
+from jaxrt.boundary.lines.chains import MISSED, Lamp, blocker, chain_from
+from jaxrt.core.maths import normalize
+from jaxrt.core.records import Ray
+from jaxrt.transport.path import tables_of
 
 SIZE, SEEDS, SAMPLES = 16, 16, 16384
 ERRORS = 6  # standard errors
@@ -105,3 +109,21 @@ def test_edges_move_as_they_do_without(move):
     bound = ERRORS * np.sqrt((truth.var(0, ddof=1) + found.var(0, ddof=1)) / SEEDS)
     assert np.linalg.norm(bound) < 0.5 * np.linalg.norm(truth.mean(0)), "too noisy to tell"
     assert np.all(np.abs(found.mean(0) - truth.mean(0)) < bound)
+
+
+def test_no_shadow_is_looked_for_where_nothing_is_lit_any_more():
+    """A mirror shows the shadow of the box, as a second event: after one alone it shows nothing but lights."""
+    here = build(descriptions()["mirror"][0], width=SIZE, height=SIZE)
+    tables, position = tables_of(here), jnp.asarray([1.5, 5, 3], jnp.float32)
+    lamp = Lamp(jnp.int32(0), position, jnp.zeros(3), jnp.ones(3))
+    # Behind the mirror, the place of the floor that is opposite to the light
+    shadow = np.float32([-1.43, 0, -10.17])
+    ray = Ray(here.camera.position, normalize(shadow - here.camera.position))
+
+    @partial(jax.jit, static_argnums=0)
+    def blocked(max_depth):
+        chain = chain_from(tables, ray, lambda k: (jnp.float32(0.5),) * 4, max_depth + 1)
+        return blocker(tables, chain, lamp, max_depth)[2]
+
+    assert blocked(1) == MISSED
+    assert blocked(2) >= 0

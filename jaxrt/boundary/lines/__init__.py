@@ -200,11 +200,11 @@ def _look(plan: Plan, tables: Tables, line: Line, place: Array, stream: Stream, 
     """Return what is seen at a place of a line."""
     ray = once(_ray)(tables.camera, line, place)
     chain = chain_from(tables, ray, _numbers(stream, place.dtype), _length(plan, tables))
-    return Look(place, chain, _is_lit(tables, chain, lamp))
+    return Look(place, chain, _is_lit(plan, tables, chain, lamp))
 
 
-def _is_lit(tables: Tables, chain: Chain, lamp: Lamp | None) -> Array:
-    return jnp.ones((), bool) if lamp is None else blocker(tables, chain, lamp)[2] == MISSED
+def _is_lit(plan: Plan, tables: Tables, chain: Chain, lamp: Lamp | None) -> Array:
+    return jnp.ones((), bool) if lamp is None else blocker(tables, chain, lamp, plan.max_depth)[2] == MISSED
 
 
 def _differs(a: Look, b: Look) -> Array:
@@ -286,7 +286,7 @@ def _edge(plan: Plan, tables: Tables, line: Line, search: Search, looks: Look) -
     toward_lamp = jnp.ones((), tables.dtype)
     if lamp is not None:
         is_shadow = (event == length) & (looks.lit[0] != looks.lit[1])
-        shadow_rays, lengths, blockers = lax.map(lambda chain: blocker(tables, chain, lamp), chains)
+        shadow_rays, lengths, blockers = lax.map(lambda chain: blocker(tables, chain, lamp, plan.max_depth), chains)
         rays, met = jax.tree.map(lambda a, b: jnp.where(is_shadow, a, b), (shadow_rays, blockers), (rays, met))
         beyond = tuple(
             jax.tree.map(lambda x, y, i=i: jnp.where(is_shadow, y[i], x), ray, rays) for i, ray in enumerate(beyond)
@@ -337,7 +337,7 @@ def _search(plan: Plan, tables: Tables, line: Line, stream: Stream) -> Search:
         if lamp is not None:
             end = end_of(tables, look.chain)[0].position
             lamp = _where(i == 0, once(lamp_for)(tables, end, numbers), lamp)
-            look = replace(look, lit=_is_lit(tables, look.chain, lamp))
+            look = replace(look, lit=_is_lit(plan, tables, look.chain, lamp))
         chosen = once(_chosen)(tables, line, search, look, i > 0)
         new = once(_where)(scanned, chosen, once(_halved)(search, look))
         return replace(new, lamp=lamp)

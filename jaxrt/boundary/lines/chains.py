@@ -125,16 +125,18 @@ def lamp_middle(tables: Tables, u: tuple[Array, Array, Array, Array]) -> Lamp:
     return Lamp(row, places[row], jnp.zeros_like(places[row]), jnp.ones_like(places[row]))
 
 
-def blocker(tables: Tables, chain: Chain, lamp: Lamp) -> tuple[Ray, Array, Array]:
+def blocker(tables: Tables, chain: Chain, lamp: Lamp, max_depth: int) -> tuple[Ray, Array, Array]:
     """Return the ray from a chain's end to a light's point, its length, and what blocks it: a primitive or MISSED.
 
-    Nothing does where a chain is too short to have this shadow to itself, or ends at nothing that the light faces.
+    Nothing does where a chain is too short to have this shadow to itself, ends at nothing that the light faces, or
+    only where nothing is lit any more.
     """
     point, arriving, lit = end_of(tables, chain)
     away = lamp.position - point.position
     length = safe_sqrt(dot(away, away))
     ray = leave(point, normalize(away))
-    wanted = lit & (chain.last > 0) & (_sent(tables, point, arriving, lamp, ray.direction, length) > 0).any()
+    behind = (chain.last > 0) & (chain.last < max_depth)
+    wanted = lit & behind & (_sent(tables, point, arriving, lamp, ray.direction, length) > 0).any()
     hit = once(find)(tables.geometry, Ray(jnp.where(wanted, ray.origin, AWAY), ray.direction))
     nearer = distance_to(tables.geometry, ray, hit.index) < length * (1 - BEYOND)
     own = tables.lights is not None and tables.lights.lights.have_size
