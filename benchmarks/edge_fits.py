@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 import jaxrt
-from benchmarks.edge_scenes import BEFORE, GROUND, LAMP, Description, ball, quad, scene
+from benchmarks.edge_scenes import GROUND, LAMP, SCENES, Description, ball, quad, scene
 from benchmarks.ladder import build
 from jaxrt.fit import Machine, Problem, sought
 from jaxrt.fit.answer import answer_of
@@ -37,19 +37,15 @@ class Task(NamedTuple):
 
 def tasks() -> list[Task]:
     """Return the tasks."""
-    above, floor = (
-        {"position": [0, 0.8, 0.8], "target": [0, 0, 0.2], "fov": 60},
-        quad([-2, 0, -2.5], [0, 0, 4], [4, 0, 0], "grey"),
-    )
+    above = {"position": [0, 0.8, 0.8], "target": [0, 0, 0.2], "fov": 60}
+    floor = quad([-2, 0, -2.5], [0, 0, 4], [4, 0, 0], "grey")
     shaded = scene(above, sky=1, spheres=[ball("ball", "grey", [0, 1.7, 0], 0.6)], triangles=floor)
     near, lamp = {"position": [0, 2, 3.5], "target": [0, 1.2, -1], "fov": 35}, LAMP | {"radius": 1.2}
     mirrored = scene(near, spheres=[ball("mirror", "mirror", [0, 1.2, -1], 1.2), GROUND], lights=[lamp])
-    glass = [ball("glass", "glass", [0, 1.2, 3], 0.6), ball("ball", "red", [0.1, 1, -0.5], 0.5), GROUND]
-    through = scene(BEFORE, spheres=glass, lights=[LAMP])
     return [
         Task("a ball by its shadow from the sky", shaded, ("spheres.center[ball]",), 5.6, 1),
         Task("a lamp by its image in a mirror ball", mirrored, ("lights.position[0]",), 6.6, 2),
-        Task("a glass ball and its ior", through, ("spheres.center[glass]", "materials.ior[0]"), 3.3, 4),
+        Task("a glass ball and its ior", SCENES["glass ball"], ("spheres.center[glass]", "materials.ior[0]"), 3.3, 4),
     ]
 
 

@@ -162,15 +162,10 @@ def pixels(off: np.ndarray, truth: np.ndarray) -> float:
     return float(np.mean(np.abs(off) / np.maximum(np.abs(truth), LEAST)))
 
 
-def smooth(values: Pictures) -> np.ndarray:
-    """Return nine bumps of each picture."""
-    return np.stack([bumps(value) for value in values])
-
-
 def noises(values: Pictures, truth: np.ndarray) -> tuple[float, float]:
     """Return both measures of a mean over seeds whose expectation is right."""
     error = values.std(0, ddof=1) / len(values) ** 0.5
-    return pixels(error, truth) * (2 / math.pi) ** 0.5, noise_of(smooth(values)) / float(np.linalg.norm(bumps(truth)))
+    return pixels(error, truth) * (2 / math.pi) ** 0.5, noise_of(bumps(values)) / float(np.linalg.norm(bumps(truth)))
 
 
 def errors(values: Pictures, truth: np.ndarray) -> tuple[float, float]:
@@ -191,7 +186,7 @@ def line(name: str, values: Pictures, differences: Pictures, threshold: float) -
 
 def agreement(ours: Pictures, others: Pictures) -> str:
     """Return how far the pictures are apart, and whether that is more than noise."""
-    pair = smooth(ours), smooth(others)
+    pair = bumps(ours), bumps(others)
     size = float(np.linalg.norm(pair[0].mean(0)))
     off = float(np.linalg.norm(pair[0].mean(0) - pair[1].mean(0))) / size
     noise = math.hypot(*(noise_of(values) / size for values in pair))

@@ -8,7 +8,6 @@ mirror shows in `test_same_edges.py`, light by mirrors and glass in `test_causti
 """
 
 from functools import cache, partial
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -29,16 +28,6 @@ TRUNCATION = 0.01
 X = np.eye(3)[0]
 
 
-class Rung(NamedTuple):
-    """A scene, what of it moves and how."""
-
-    description: dict
-    depth: int
-    moves: dict  # selector: direction
-    step: float = 0.03
-    fd_spp: int = 1024
-
-
 def crossing():
     """Return two boxes and two balls that cut each other."""
     return scene(
@@ -53,51 +42,44 @@ def crossing():
     )
 
 
-RUNGS = {
-    "crossing": Rung(
-        crossing(),
-        1,
-        {"spheres.center[other ball]": X, "meshes.vertices[box]": X, "camera.position": X},
-        0.02,
-        4096,
-    ),
-}
+MOVES = {"spheres.center[other ball]": X, "meshes.vertices[box]": X, "camera.position": X}
+DEPTH, STEP, FD_SPP = 1, 0.02, 4096
 
 
 class Programs:
-    """Compiled once for a rung: the picture, its derivative inside of edges, and what moving edges add."""
+    """Compiled once: the picture, its derivative inside of edges, and what moving edges add."""
 
-    def __init__(self, rung):
-        here = build(rung.description, width=SIZE, height=SIZE)
-        self.start = {name: jaxrt.parameters(here, name) for name in rung.moves}
+    def __init__(self):
+        here = build(crossing(), width=SIZE, height=SIZE)
+        self.start = {name: jaxrt.parameters(here, name) for name in MOVES}
 
         def picture(values, key, spp):
-            return jaxrt.render(jaxrt.with_parameters(here, values), key, spp=spp, max_depth=rung.depth)
+            return jaxrt.render(jaxrt.with_parameters(here, values), key, spp=spp, max_depth=DEPTH)
 
         def slope(change, key):
             return jax.jvp(partial(picture, key=key, spp=SPP), (self.start,), (change,))[1]
 
         def at_edges(change, key):
             tangent = jax.jvp(partial(jaxrt.with_parameters, here), (self.start,), (change,))[1]
-            return edge_tangent(drawn(here), drawn(tangent), key, plan(SAMPLES, rung.depth, geometry=True))
+            return edge_tangent(drawn(here), drawn(tangent), key, plan(SAMPLES, DEPTH, geometry=True))
 
-        self.picture = jax.jit(partial(picture, spp=rung.fd_spp))
+        self.picture = jax.jit(partial(picture, spp=FD_SPP))
         self.interior, self.edges = jax.jit(slope), jax.jit(at_edges)
 
-    def change(self, name, direction):
-        """Return the direction in the space of all that moves in the rung."""
+    def change(self, name):
+        """Return the direction in the space of all that moves."""
         zeros = {other: jnp.zeros_like(value) for other, value in self.start.items()}
-        return zeros | {name: jnp.broadcast_to(jnp.asarray(direction, jnp.float32), self.start[name].shape)}
+        return zeros | {name: jnp.broadcast_to(jnp.asarray(MOVES[name], jnp.float32), self.start[name].shape)}
 
-    def difference(self, change, step, key):
+    def difference(self, change, key):
         """Return the central difference, both pictures drawn with the same random numbers."""
-        ends = [self.picture({k: v + h * change[k] for k, v in self.start.items()}, key) for h in (step, -step)]
-        return (np.asarray(ends[0], float) - np.asarray(ends[1], float)) / (2 * step)
+        ends = [self.picture({k: v + h * change[k] for k, v in self.start.items()}, key) for h in (STEP, -STEP)]
+        return (np.asarray(ends[0], float) - np.asarray(ends[1], float)) / (2 * STEP)
 
 
 @cache
-def programs(name):
-    return Programs(RUNGS[name])
+def programs():
+    return Programs()
 
 
 def functionals(picture):
@@ -111,12 +93,12 @@ def mean(values):
     return values.mean(0), values.std(0, ddof=1) / len(values) ** 0.5
 
 
-@pytest.mark.parametrize(("rung", "move"), [(name, move) for name, rung in RUNGS.items() for move in rung.moves])
-def test_derivatives_are_those_of_finite_differences(rung, move):
-    here, step = programs(rung), RUNGS[rung].step
-    change = here.change(move, RUNGS[rung].moves[move])
+@pytest.mark.parametrize("move", MOVES)
+def test_derivatives_are_those_of_finite_differences(move):
+    here = programs()
+    change = here.change(move)
     keys = [jnp.uint32(seed) for seed in range(SEEDS)]
-    truth, its_noise = mean([functionals(here.difference(change, step, key + 1000)) for key in keys])
+    truth, its_noise = mean([functionals(here.difference(change, key + 1000)) for key in keys])
     inside = [functionals(here.interior(change, key)) for key in keys]
     found, noise = mean([one + functionals(here.edges(change, key)) for one, key in zip(inside, keys, strict=True)])
     interior = np.mean(inside, 0)

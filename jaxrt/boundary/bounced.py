@@ -14,7 +14,7 @@ from jax import Array, lax
 
 from jaxrt.boundary.anchors import occluder_anchors
 from jaxrt.boundary.clearance import EdgeSamples, Path, Turn
-from jaxrt.boundary.guiding import Draw, place, sample_guided
+from jaxrt.boundary.guiding import Draw, one_of_both, place, sample_guided
 from jaxrt.boundary.lookouts import Lookouts, lookouts_at, nearest_lookout, point_seen
 from jaxrt.boundary.outlines import LIGHTS_ONLY, both_sides
 from jaxrt.boundary.shadows import Plan
@@ -178,11 +178,7 @@ def _grazing(plan: Plan, operands: BouncedTables, eye: Array, facing: Array, ind
         v = (k.astype(eye.dtype) + draw.spread[1]) / CANDIDATES
         row, t, density = once(partial(point_seen, rows=outlines.rows))(operands.lookouts, start, v)
         own = once(worth)(rim_of(outlines, row, t, eye), row, density, eye, facing, index)
-        total = total + own
-        share = safe_divide(own, total)
-        taken = coin < share
-        coin = jnp.where(taken, safe_divide(coin, share), safe_divide(coin - share, 1 - share))
-        coin = jnp.clip(coin, 0, 1 - 2.0**-24)
+        taken, coin, total = one_of_both(coin, own, total)
         return jnp.where(taken, row, chosen_row), jnp.where(taken, t, chosen_t), total, coin
 
     nothing, coin = jnp.zeros_like(eye[0]), independent(draw.stream, 0)[0].astype(eye.dtype)

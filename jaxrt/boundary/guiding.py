@@ -67,6 +67,18 @@ def place(draw: Draw) -> Placed:
     return Placed(chosen, t, jnp.maximum(share, 0))
 
 
+def one_of_both(coin: Array, worth: Array, total: Array) -> tuple[Array, Array, Array]:
+    """Return whether a candidate takes the place of all before it, by its worth; a coin for the next; the new total.
+
+    coin: () in [0, 1), `total`: () worth of those before. One pass in any order chooses each by its share (Chao 1982).
+    """
+    total = total + worth
+    share = safe_divide(worth, total)
+    taken = coin < share
+    coin = jnp.where(taken, safe_divide(coin, share), safe_divide(coin - share, 1 - share))
+    return taken, jnp.clip(coin, 0, 1 - 2.0**-24), total
+
+
 def sample_guided(
     sample: Sample[Operands], operands: Operands, weights: Array, n: int, seed: Array, devices: tuple[jax.Device, ...]
 ) -> Any:

@@ -188,10 +188,10 @@ def _polish(machine: Machine, vector: Vector, spp: int, seed: int, rounds: int) 
 
 def _pair(
     machine: Machine, vector: Vector, spp: int, seeds: list[int], rounds: int
-) -> tuple[list[Floats], list[Floats]]:
+) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
     """Return residuals and Jacobians of two seeds."""
     a, b = (machine.evaluate(vector, seed, spp, rounds) for seed in seeds)
-    return [a[0], b[0]], [a[1], b[1]]
+    return (a[0], b[0]), (a[1], b[1])
 
 
 def choose_start(machine: Machine, starts: int, spp: int, seed: int) -> Vector:
@@ -216,9 +216,9 @@ def _judged(machine: Machine, start: Vector, now: Progress, spp: int, seed: int,
     # The product of two residuals: a sum of squares would favour what is less noisy
     if np.sum(before[0][0] * before[0][1]) < np.sum(now_there[0][0] * now_there[0][1]):
         now, now_there = now._replace(vector=start), before
-    (residual, again), jacobians = now_there
+    residuals, jacobians = now_there
     places = np.concatenate([np.full(row.size, row.kind == "place") for row in problem.unknowns.rows])
-    verdict = judge((residual, again), (jacobians[0], jacobians[1]), problem.unknowns.labels(), places)
+    verdict = judge(residuals, jacobians, problem.unknowns.labels(), places)
     target = np.asarray(problem.target * problem.weight, float)
-    pictures = before[0][0] * problem.scale + target, residual * problem.scale + target
+    pictures = before[0][0] * problem.scale + target, residuals[0] * problem.scale + target
     return Found(now.vector, verdict, now, interrupted, pictures)

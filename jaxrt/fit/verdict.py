@@ -136,8 +136,8 @@ def standard_errors(jacobian: Floats, residual: Floats, other: Floats | None = N
     other: J of other samples. JᵀJ of one alone is too large by J's own noise, and the errors are too small.
     """
     channels, k = jacobian.shape[-2:]
-    first, second = jacobian, jacobian if other is None else other
-    inverse = (instrumental(first, second) + instrumental(second, first)) / 2
+    pairs = [(jacobian, jacobian)] if other is None else [(jacobian, other), (other, jacobian)]
+    inverse = np.mean([instrumental(*pair) for pair in pairs], axis=0)
     scores = (inverse * residual.ravel()).reshape(k, -1, channels).sum(axis=-1)
     return np.sqrt(np.sum(scores**2, axis=1))
 

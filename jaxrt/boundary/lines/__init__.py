@@ -22,7 +22,7 @@ from jax.typing import DTypeLike
 
 from jaxrt.boundary.anchors import surface_anchors
 from jaxrt.boundary.clearance import EdgeSamples, LightPoints, Path
-from jaxrt.boundary.guiding import LANES, Draw, Placed, place, sample_guided
+from jaxrt.boundary.guiding import LANES, Draw, Placed, one_of_both, place, sample_guided
 from jaxrt.boundary.lines.between import Place, distances, may_cross, place_between
 from jaxrt.boundary.lines.chains import (
     ENDED,
@@ -355,12 +355,8 @@ def _search(plan: Plan, tables: Tables, line: Line, stream: Stream) -> Search:
 def _chosen(tables: Tables, line: Line, search: Search, look: Look, is_second: Array) -> Search:
     """Return the search with the piece from the last look to this one taken or left, by their worth."""
     worth = jnp.where(is_second, once(_interest)(tables, line, (search.last, look)), 0)
-    total = search.total + worth
-    share = safe_divide(worth, total)
-    taken = search.coins < share
-    coins = jnp.where(taken, safe_divide(search.coins, share), safe_divide(search.coins - share, 1 - share))
+    taken, coins, total = one_of_both(search.coins, worth, search.total)
     ends = _where(taken, (search.last, look), search.ends)
-    coins = jnp.clip(coins, 0, 1 - 2.0**-24)
     return Search(search.lamp, look, ends, coins, jnp.where(taken, worth, search.worth), total, search.odds)
 
 
