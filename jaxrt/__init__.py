@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from jaxrt.programs.keep import keep_programs
     from jaxrt.render import render, use_cpu_cores
     from jaxrt.scene import Scene, build
+    from jaxrt.scene.opencv import camera_from_opencv, camera_to_opencv
     from jaxrt.scene.parameters import names, parameters, with_parameters
 
 __all__ = [
@@ -25,6 +26,8 @@ __all__ = [
     "SceneWarning",
     "build",
     "camera",
+    "camera_from_opencv",
+    "camera_to_opencv",
     "example",
     "fit",
     "gradcheck",
@@ -58,6 +61,7 @@ _HOMES = {
     "programs.keep": ("keep_programs",),
     "render": ("render", "use_cpu_cores"),
     "scene": ("Scene", "build"),
+    "scene.opencv": ("camera_from_opencv", "camera_to_opencv"),
 }
 
 

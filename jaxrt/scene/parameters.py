@@ -1,6 +1,6 @@
 """The parameters of a scene: what derivatives can be taken of, by dotted name."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, overload
 
@@ -45,14 +45,16 @@ def parameters(scene: Scene, selector: str | None = None) -> dict[str, Array] | 
     lights.position (n, 3), lights.intensity (n, 3), lights.radius (n,), materials.albedo (m, 3) of diffuse and mirror
     materials, materials.ior (g,), and so on, one for each field of materials, spheres.center (s, 3), spheres.radius
     (s,), meshes.vertices (v, 3), camera.position (3,), camera.target (3,), camera.fov () in degrees,
-    environment.radiance (3,). Only what the scene has is there: no `lights.radius` where every light is a point.
+    environment.radiance (3,). Only what the scene has is there: no `lights.radius` where every light is a point. Other
+    cameras have other fields (docs/cameras.md); `camera.roll` and `camera.rotate` (3,), in degrees, are there if the
+    scene file has them, or if a name here or in `with_parameters` asks for them.
 
     selector: return the values that it names instead: `camera.fov`, `lights.position[0]` (3,), or by name (see
     `jaxrt.names`) `materials.albedo[ball]` (3,) and `meshes.vertices[mug]` (v, 3). Raises SceneError for what is not
     there.
     """
     check_scene(scene)
-    scene = local(scene)
+    scene = asked(local(scene), [selector or ""])
     p: dict[str, Array] = {}
     p |= light_parameters(scene)
     p |= material_parameters(scene)
@@ -60,7 +62,8 @@ def parameters(scene: Scene, selector: str | None = None) -> dict[str, Array] | 
         p |= {"spheres.center": scene.spheres.center, "spheres.radius": scene.spheres.radius}
     if scene.triangles is not None:
         p["meshes.vertices"] = scene.triangles.vertices
-    p |= {f"camera.{field}": getattr(scene.camera, field) for field in scene.camera.kind.parameters}
+    own = {f"camera.{field}": getattr(scene.camera, field) for field in scene.camera.kind.parameters}
+    p |= {name: value for name, value in own.items() if value is not None}
     if scene.environment is not None:
         p["environment.radiance"] = scene.environment
     values = {name: value + _shift(scene, name, value) for name, value in p.items()}
@@ -78,7 +81,7 @@ def with_parameters(scene: Scene, changes: Mapping[str, ArrayLike]) -> Scene:
     changed twice.
     """
     check_scene(scene)
-    scene = local(scene)
+    scene = asked(local(scene), changes)
     old = parameters(scene)
     new: dict[str, Array] = {}
     seen: dict[str, list[range]] = {}
@@ -101,6 +104,18 @@ def _rows(row: Row | None, value: Array) -> range:
     if isinstance(row, int):
         return range(row, row + 1)
     return range(row.start, row.stop) if row else range(value.shape[0] if value.ndim else 1)
+
+
+def asked(scene: Scene, texts: Iterable[str]) -> Scene:
+    """Return the scene with those parameters of its camera, at 0, that texts name and that are only there if asked for.
+
+    Such are `camera.roll`, `camera.rotate`, and the coefficients of a distortion.
+    """
+    named = {text.strip().removeprefix("camera.") for text in texts if isinstance(text, str)}
+    kind, camera = scene.camera.kind, scene.camera
+    absent = [field for field in sorted(kind.optional & named) if getattr(camera, field) is None]
+    new = {field: jnp.zeros(kind.measures[field].shape, scene.dtype) for field in absent}
+    return replace(scene, camera=replace(camera, **new)) if new else scene
 
 
 def _shift(scene: Scene, name: str, value: Array) -> Array:
