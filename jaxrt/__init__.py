@@ -7,6 +7,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from jaxrt.core.maths import rigid
     from jaxrt.core.messages import SceneError, SceneWarning
     from jaxrt.description.kinds import camera, light, material
     from jaxrt.fit import fit
@@ -41,6 +42,7 @@ __all__ = [
     "names",
     "parameters",
     "render",
+    "rigid",
     "save_image",
     "show",
     "tonemap",
@@ -55,6 +57,7 @@ _HOMES = {
     "io": ("example", "load_image", "load_mesh", "load_scene", "save_image"),
     "io.image": ("show", "tonemap"),
     "kernels.jacobian": ("jacobian_once",),
+    "core.maths": ("rigid",),
     "core.messages": ("SceneError", "SceneWarning"),
     "description.kinds": ("camera", "light", "material"),
     "scene.parameters": ("names", "parameters", "with_parameters"),
