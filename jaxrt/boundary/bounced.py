@@ -202,7 +202,7 @@ def _radiance_from(
     first = last + 2
 
     def met(k: Array, walk: Walk) -> Hit:
-        found = once(find)(tables.geometry, walk.ray)
+        found = once(find)(tables.geometry, walk.ray, walk.alive)
         return jax.tree.map(lambda a, b: jnp.where(k == first, a, b), hit, found)
 
     def event(k: Array, walk: Walk) -> Walk:

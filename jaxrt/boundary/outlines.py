@@ -192,7 +192,7 @@ def _radiance_from(plan: Plan, tables: Tables, draw: Draw, ray: Ray, hit: Hit, p
     walk = walk_along(tables, ray, True)
 
     def event(walk: Walk, k: Array) -> tuple[Walk, None]:
-        here = once(find)(tables.geometry, walk.ray)
+        here = once(find)(tables.geometry, walk.ray, walk.alive)
         there = once(surface_point)(tables.geometry, walk.ray, here)
         first = k == 1
         here, there = jax.tree.map(lambda a, b: jnp.where(first, a, b), (hit, point), (here, there))
