@@ -31,6 +31,7 @@ class Task(NamedTuple):
     name: str
     description: Description
     parameters: tuple[str, ...]  # the first is a place
+    size: float  # of the floor, from mirror to lamp, across what is seen of the glass ball's surroundings
     depth: int
 
 
@@ -41,20 +42,21 @@ def tasks() -> list[Task]:
         quad([-2, 0, -2.5], [0, 0, 4], [4, 0, 0], "grey"),
     )
     shaded = scene(above, sky=1, spheres=[ball("ball", "grey", [0, 1.7, 0], 0.6)], triangles=floor)
-    mirrored = scene(BEFORE, spheres=[ball("mirror", "mirror", [0, 1.2, -1], 1.2), GROUND], lights=[LAMP])
+    near, lamp = {"position": [0, 2, 3.5], "target": [0, 1.2, -1], "fov": 35}, LAMP | {"radius": 1.2}
+    mirrored = scene(near, spheres=[ball("mirror", "mirror", [0, 1.2, -1], 1.2), GROUND], lights=[lamp])
     glass = [ball("glass", "glass", [0, 1.2, 3], 0.6), ball("ball", "red", [0.1, 1, -0.5], 0.5), GROUND]
     through = scene(BEFORE, spheres=glass, lights=[LAMP])
     return [
-        Task("a ball by its shadow from the sky", shaded, ("spheres.center[ball]",), 1),
-        Task("a lamp by its image in a mirror ball", mirrored, ("lights.position[0]",), 2),
-        Task("a glass ball and its ior", through, ("spheres.center[glass]", "materials.ior[0]"), 4),
+        Task("a ball by its shadow from the sky", shaded, ("spheres.center[ball]",), 5.6, 1),
+        Task("a lamp by its image in a mirror ball", mirrored, ("lights.position[0]",), 6.6, 2),
+        Task("a glass ball and its ior", through, ("spheres.center[glass]", "materials.ior[0]"), 3.3, 4),
     ]
 
 
-def moved(task: Task, here: jaxrt.Scene, size: float, rng: np.random.Generator) -> jaxrt.Scene:
+def moved(task: Task, here: jaxrt.Scene, rng: np.random.Generator) -> jaxrt.Scene:
     """Return the scene at another start."""
     away = rng.normal(size=3)
-    away *= SHARE * size * rng.uniform() ** (1 / 3) / np.linalg.norm(away)
+    away *= SHARE * task.size * rng.uniform() ** (1 / 3) / np.linalg.norm(away)
     moves = {task.parameters[0]: away}
     moves |= {name: rng.uniform(-IOR, IOR) for name in task.parameters[1:]}
     for name, move in moves.items():
@@ -63,10 +65,10 @@ def moved(task: Task, here: jaxrt.Scene, size: float, rng: np.random.Generator) 
     return here
 
 
-def is_found(task: Task, size: float, truth: jaxrt.Scene, answer: jaxrt.Scene) -> bool:
+def is_found(task: Task, truth: jaxrt.Scene, answer: jaxrt.Scene) -> bool:
     """Return whether all that is sought is where it was."""
     off = [np.linalg.norm(jaxrt.parameters(answer, name) - jaxrt.parameters(truth, name)) for name in task.parameters]
-    return bool(off[0] <= NEAR * size and all(x <= NEAR_IOR for x in off[1:]))
+    return bool(off[0] <= NEAR * task.size and all(x <= NEAR_IOR for x in off[1:]))
 
 
 def fits(task: Task) -> list[tuple[bool, str]]:
@@ -76,10 +78,10 @@ def fits(task: Task) -> list[tuple[bool, str]]:
     unknowns, rng, found = sought(truth, task.parameters), np.random.default_rng(0), []
     program = Machine(Problem(truth, unknowns, target, jnp.ones(1), task.depth))
     for number in range(STARTS):
-        start = moved(task, truth, unknowns.length, rng)
+        start = moved(task, truth, rng)
         machine = program.again(start)
         answer = answer_of(start, machine.problem, descend(machine, SPP, number), {})
-        found.append((is_found(task, unknowns.length, truth, answer.scene), answer.verdict.word))
+        found.append((is_found(task, truth, answer.scene), answer.verdict.word))
     return found
 
 
