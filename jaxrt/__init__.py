@@ -7,6 +7,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from jaxrt.core.maths import rigid
     from jaxrt.core.messages import SceneError, SceneWarning
     from jaxrt.description.kinds import camera, light, material
     from jaxrt.fit import fit
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from jaxrt.programs.keep import keep_programs
     from jaxrt.render import render, use_cpu_cores
     from jaxrt.scene import Scene, build
+    from jaxrt.scene.opencv import camera_from_opencv, camera_to_opencv
     from jaxrt.scene.parameters import names, parameters, with_parameters
 
 __all__ = [
@@ -25,6 +27,8 @@ __all__ = [
     "SceneWarning",
     "build",
     "camera",
+    "camera_from_opencv",
+    "camera_to_opencv",
     "example",
     "fit",
     "gradcheck",
@@ -38,6 +42,7 @@ __all__ = [
     "names",
     "parameters",
     "render",
+    "rigid",
     "save_image",
     "show",
     "tonemap",
@@ -52,12 +57,14 @@ _HOMES = {
     "io": ("example", "load_image", "load_mesh", "load_scene", "save_image"),
     "io.image": ("show", "tonemap"),
     "kernels.jacobian": ("jacobian_once",),
+    "core.maths": ("rigid",),
     "core.messages": ("SceneError", "SceneWarning"),
     "description.kinds": ("camera", "light", "material"),
     "scene.parameters": ("names", "parameters", "with_parameters"),
     "programs.keep": ("keep_programs",),
     "render": ("render", "use_cpu_cores"),
     "scene": ("Scene", "build"),
+    "scene.opencv": ("camera_from_opencv", "camera_to_opencv"),
 }
 
 

@@ -21,6 +21,8 @@ from jaxrt.description.fields import (
     Radius,
     Real,
     Rgb,
+    Turn,
+    Turns,
     Up,
 )
 from jaxrt.description.kinds import camera, light, material
@@ -41,6 +43,8 @@ __all__ = [
     "Real",
     "Rgb",
     "SurfacePoint",
+    "Turn",
+    "Turns",
     "Up",
     "around",
     "camera",

@@ -167,7 +167,7 @@ REFUSED = [
     ((*SPHERE, "material"), 3, "spheres[1].material: 3 is not a name: write a string in quotes"),
     (("sphere",), [], 'room.toml: unknown key "sphere" (did you mean "spheres"?)'),
     ((*SPHERE, "raduis"), 3, 'spheres[1]: unknown key "raduis" (did you mean "radius"?)'),
-    ((*SPHERE, "q"), 3, 'spheres[1]: unknown key "q" (known: center, radius, material, name)'),
+    ((*SPHERE, "q"), 3, 'spheres[1]: unknown key "q" (known: center, radius, material, name, group)'),
     (("materials", "white", "ior"), 3, 'materials.white: unknown key "ior" (known: type, albedo)'),
     (
         ("materials", "white", "type"),

@@ -115,6 +115,17 @@ def test_own_kinds_snippet() -> None:
             family.kinds.pop(name, None)
 
 
+def test_cameras_snippets_and_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    names: dict[str, Any] = {}
+    for snippet in blocks("docs/cameras.md", "python"):
+        exec(snippet, names)
+    assert float(jaxrt.parameters(names["tilted"])["camera.roll"]) == 10
+    for name in CAMERAS.kinds:
+        picture = f"cameras/{name}.png"
+        assert f"({picture})" in (ROOT / "docs/cameras.md").read_text() and (ROOT / "docs" / picture).exists(), picture
+
+
 def test_pages_tell_of_every_kind_and_field() -> None:
     scene_file, own = (ROOT / "docs/scene-format.md").read_text(), (ROOT / "docs/own-kinds.md").read_text()
     for kind in (kind for family in (MATERIALS, LIGHTS, CAMERAS) for kind in family.kinds.values()):
@@ -149,6 +160,7 @@ def test_readme_names_every_option() -> None:
         "--srgb",
         "--resume",
         "--samples",
+        "--hosts",
     ):
         assert option in text
 
@@ -212,6 +224,22 @@ def test_command_line_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caps
         small = ["--width", "16", "--height", "16", "--max-depth", "1"] if " render " in line else []
         assert main([*shlex.split(line)[1:], *small]) == 0, capsys.readouterr().err
     assert Path("room.exr").exists() and not Path("room.exr.partial").exists()
+
+
+def test_hosts_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its command starts what it should; its snippet, on the one host that there is."""
+    started: list[Any] = []
+    monkeypatch.setattr("jaxrt.cli.together.launch", lambda hosts, words: started.append((hosts, words)) or 0)
+    (command,) = blocks("docs/hosts.md", "sh")
+    assert main(shlex.split(command)[1:]) == 0
+    assert started == [(["localhost", "localhost"], ["render", "room.toml", "-o", "room.exr"])]
+    (snippet,) = blocks("docs/hosts.md", "python")
+    monkeypatch.setattr("jax.distributed.initialize", lambda heartbeat_timeout_seconds: None)
+    monkeypatch.setattr("jaxrt.use_cpu_cores", lambda: None)
+    monkeypatch.setattr("jaxrt.render", lambda scene, key: scene.camera.width)
+    names: dict[str, Any] = {}
+    exec(snippet, names)
+    assert names["picture"] == 256
 
 
 def test_links_lead_somewhere() -> None:

@@ -273,7 +273,7 @@ class Drawing:
 
 
 @jaxrt.camera
-class Fisheye:
+class Globe:
     """Looks down; the angle to its axis grows with the distance to the picture's centre: `fov` from edge to edge."""
 
     position: Place
@@ -371,7 +371,7 @@ def test_a_sky_and_a_sun_before_a_camera_of_parallel_rays() -> None:
 def lamp_over(**camera: Any) -> dict[str, Any]:
     """Return a torch and a ball over a floor, before a fisheye."""
     return {
-        "camera": {"type": "fisheye", "position": [0.3, 6, 0.2], "fov": 100, "width": 16, "height": 16, **camera},
+        "camera": {"type": "globe", "position": [0.3, 6, 0.2], "fov": 100, "width": 16, "height": 16, **camera},
         "materials": WHITE,
         "spheres": [
             {"center": [0, 1.5, 0], "radius": 0.7, "material": "white"},
@@ -414,7 +414,7 @@ def test_a_fit_from_a_scene_file(
     """The dome's colour and the fisheye's angle, from a picture of the sky alone."""
 
     def scene(fov: float, zenith: list[float]) -> str:
-        camera = {"type": "fisheye", "position": [0, 0, 0], "fov": fov, "width": 16, "height": 16}
+        camera = {"type": "globe", "position": [0, 0, 0], "fov": fov, "width": 16, "height": 16}
         sky = {"type": "dome", "ground": 0.1, "zenith": zenith}
         return tomlkit.dumps({"camera": camera, "lights": [sky], "render": {"max_depth": 1}})
 
@@ -572,7 +572,7 @@ def test_they_are_listed_bounded_and_written(tmp_path: Path, capsys: pytest.Capt
     scene = jaxrt.build(description)
     print_summary("scene", description, scene, ())
     told = capsys.readouterr().out
-    for word in ("torch lights", "fisheye camera", "fisheye: position (0.3, 6, 0.2), fov 100", "lights.zenith"):
+    for word in ("torch lights", "globe camera", "globe: position (0.3, 6, 0.2), fov 100", "lights.zenith"):
         assert word in told
     names = ["lights.zenith", "lights.position[2]", "lights.axis[1]", "camera.fov"]
     selectors = {name: parse_selector(name, scene) for name in names}
@@ -603,9 +603,9 @@ def test_tables_are_checked_as_ours_are(light: dict[str, Any], message: str) -> 
 
 def test_a_camera_type_that_is_not_known() -> None:
     with pytest.raises(
-        jaxrt.SceneError, match=re.escape('camera.type: unknown camera type "fishy" (did you mean "fisheye"?)')
+        jaxrt.SceneError, match=re.escape('camera.type: unknown camera type "globes" (did you mean "globe"?)')
     ):
-        jaxrt.build({"camera": {"type": "fishy", "position": [0, 0, 0]}})
+        jaxrt.build({"camera": {"type": "globes", "position": [0, 0, 0]}})
 
 
 def test_a_central_camera_needs_a_position() -> None:

@@ -49,6 +49,10 @@ OTHERS = {
     "idle['ior']": "the same",
     "order['albedo']": "tells the order of `parameters`, and is drawn by nothing",
     "order['ior']": "the same",
+    "poses.meshes.translate": "a parameter, where it was asked for",
+    "poses.meshes.rotate": "the same",
+    "poses.meshes.scale": "the same",
+    "poses.first": "integers; which mesh a vertex is of",
     "origin": "what `parameters` adds to places, and drawn by nothing",
 }
 WALL, R = (0.3, -1e6 - 0.1, 0.2), 1e6  # float32 has no room for the digits of this centre

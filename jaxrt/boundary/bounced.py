@@ -19,7 +19,8 @@ from jaxrt.boundary.lookouts import Lookouts, lookouts_at, nearest_lookout, poin
 from jaxrt.boundary.outlines import LIGHTS_ONLY, both_sides
 from jaxrt.boundary.shadows import Plan
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, edge_table, rim_at
-from jaxrt.boundary.trail import central_ray
+from jaxrt.boundary.trail import central_ray, through_lens
+from jaxrt.cameras import edges_known
 from jaxrt.core.maths import dot, face_forward, normalize, safe_divide
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Hit, Ray, SurfacePoint
@@ -71,7 +72,7 @@ def bounced_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, .
     # After the last event, a diffuse surface sees the sky alone
     events = plan.max_depth if scene.environment is not None else plan.max_depth - 1
     dark = scene.environment is None and scene.lights is None
-    moves = scene.camera.is_central and (lights or plan.geometry_moves)
+    moves = edges_known(scene.camera) and (lights or plan.geometry_moves)
     if dark or events == 0 or scene.materials.ends[0] == 0 or not moves:
         return ()
     tables = tables_of(scene)
@@ -90,6 +91,7 @@ def bounced_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, .
 
 def _sample(plan: Plan, events: int, operands: BouncedTables, draw: Draw) -> tuple[EdgeSamples, Array]:
     """Return one sample, and what it brings."""
+    operands = replace(operands, tables=through_lens(operands.tables, draw.stream))
     tables, outlines, camera = operands.tables, operands.outlines, operands.tables.camera
     # A path from the camera
     placed = once(place)(draw)
@@ -101,7 +103,7 @@ def _sample(plan: Plan, events: int, operands: BouncedTables, draw: Draw) -> tup
     point = once(surface_point)(tables.geometry, arrival.turn.ray, Hit(arrival.turn.index, jnp.ones((), bool)))
     facing = face_forward(point.shading, -arrival.turn.ray.direction)
     # Where the path has met nothing, its point is of no use
-    eye = jnp.where(jnp.sum(arrival.flux) > 0, once(leave)(point, facing).origin, camera.position)
+    eye = jnp.where(jnp.sum(arrival.flux) > 0, once(leave)(point, facing).origin, camera.start((x, y)))
     # From its end past an outline
     grazing = _grazing(plan, operands, eye, facing, arrival.turn.index, draw)
     starts, clear = both_sides(tables, outlines, grazing.row, grazing.rim, eye)
@@ -122,7 +124,7 @@ def _sample(plan: Plan, events: int, operands: BouncedTables, draw: Draw) -> tup
     factor = jnp.where(seen, grazing.rim.normal, 0)
     change = Ray(factor, grazing.rim.distance * factor)
     turns = _aimed(arrivals.turn, last, once(numbers_of_direction)(facing, direction))
-    path = Path(turns, last, change, jnp.stack([x, y]))
+    path = Path(turns, last, change, jnp.stack([x, y]), lens=camera.lens)
     return EdgeSamples(pixel[None], weight[None], None, None, (anchors,), path=path), jnp.sum(jnp.abs(weight))
 
 
@@ -148,11 +150,11 @@ def _places(tables: Tables, seed: Array, events: int) -> Array:
     def lane(operands: tuple[Tables, Array], k: Array) -> Array:
         tables, seed = operands
         stream = Stream(jnp.uint32(0), k.astype(jnp.uint32), seed ^ jnp.uint32(3), jnp.uint32(LOOKOUTS))
-        u, v, *_ = (x.astype(tables.camera.position.dtype) for x in independent(stream, 0))
+        u, v, *_ = (x.astype(tables.dtype) for x in independent(stream, 0))
         ray = central_ray(tables.camera, u * tables.camera.width, v * tables.camera.height)
         arrival = jax.tree.map(lambda a: a[k % events], _path(tables, ray, stream, events))
         there = once(surface_point)(tables.geometry, arrival.turn.ray, Hit(arrival.turn.index, jnp.ones((), bool)))
-        return jnp.where(jnp.sum(arrival.flux) > 0, there.position, tables.camera.position)
+        return jnp.where(jnp.sum(arrival.flux) > 0, there.position, ray.origin)
 
     def packet(operands: tuple[Tables, Array], _: Array) -> Array:
         return jax.vmap(partial(lane, operands))(jnp.arange(LOOKOUTS, dtype=jnp.int32))
@@ -196,7 +198,7 @@ def _radiance_from(
     first = last + 2
 
     def met(k: Array, walk: Walk) -> Hit:
-        found = once(find)(tables.geometry, walk.ray)
+        found = once(find)(tables.geometry, walk.ray, walk.alive)
         return jax.tree.map(lambda a, b: jnp.where(k == first, a, b), hit, found)
 
     def event(k: Array, walk: Walk) -> Walk:

@@ -27,7 +27,8 @@ from jaxrt.boundary.shadows import (
     vertex,
 )
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, edge_table, rim_at
-from jaxrt.boundary.trail import one_of, path_from, spheres_count
+from jaxrt.boundary.trail import one_of, path_from, spheres_count, through_lens
+from jaxrt.cameras import edges_known
 from jaxrt.core.maths import cross, dot, normalize, safe_divide, safe_sqrt, unit_roundoff
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Hit, Ray, SurfacePoint
@@ -68,10 +69,10 @@ class Grazing:
 def caustic_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
     """Return samples of the moving edges of light from spheres that comes by mirrors and glass.
 
-    None where no surface can show such light, nor for a camera that is not at one place.
+    None where no surface can show such light, nor before a camera of unknown edges.
     """
     lights, materials = scene.lights, scene.materials
-    if not scene.camera.is_central or lights is None or not lights.have_size:
+    if not edges_known(scene.camera) or lights is None or not lights.have_size:
         return ()
     if plan.max_depth == 1 or not (materials.are_delta and materials.are_lit):
         return ()
@@ -133,6 +134,7 @@ def _cells(tables: Tables) -> int:
 
 def _sample(plan: Plan, blocked: bool, operands: CausticTables, draw: Draw) -> tuple[EdgeSamples, Array]:
     """Return one sample, and what it brings. blocked: whether anything stands in the way."""
+    operands = replace(operands, tables=through_lens(operands.tables, draw.stream))
     placed = once(place)(draw)
     light = once(_from_rim)(operands, draw, placed)
     if blocked:

@@ -47,6 +47,7 @@ class ViewRays:
     image: Array  # (m, 2) column and row in pixels
     start: Array  # (m, 3) factor of o in F
     toward: Array  # (m, 3) factor of D
+    lens: Array | None = None  # (m, 2) numbers of the place on the camera's lens; None without a lens
 
 
 @pytree
@@ -99,6 +100,7 @@ class Path:
     change: Ray  # factors of the ray's origin and direction in F
     image: Array  # (2,) where the path begins
     along: Array | None = None  # (2,) a direction in the picture by whose slope of F the weight is yet to be measured
+    lens: Array | None = None  # (2,) as of `ViewRays`
 
 
 @pytree
@@ -145,8 +147,13 @@ def _light_points(lights: Lights, points: LightPoints) -> Array:
 
 def _view_part(scene: Scene, rays: ViewRays) -> Array:
     view = view_of(scene.camera)
-    toward = jax.vmap(lambda image: view.toward((image[0], image[1])))(rays.image)
-    return jnp.sum(rays.start * view.position[None] + rays.toward * toward, -1)
+
+    def ray(image: Array, lens: Array | None) -> tuple[Array, Array]:
+        here = view if lens is None else view.through((lens[0], lens[1]))
+        return here.start((image[0], image[1])), here.toward((image[0], image[1]))
+
+    start, toward = jax.vmap(ray)(rays.image, rays.lens)
+    return jnp.sum(rays.start * start + rays.toward * toward, -1)
 
 
 def _trail_part(scene: Scene, trail: Trail) -> Array:

@@ -5,6 +5,7 @@ counts wherever the colour can change across it. On a smooth ball radiance varie
 rim, so the inside is shaded at the rim itself.
 """
 
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -15,9 +16,10 @@ from jaxrt.boundary.anchors import occluder_anchors
 from jaxrt.boundary.clearance import EdgeSamples, ViewRays
 from jaxrt.boundary.guiding import Draw, place, sample_guided
 from jaxrt.boundary.shadows import NUDGE, Plan, bins_for
-from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, edge_table, rim_at
-from jaxrt.cameras import projection
-from jaxrt.core.maths import dot, normalize, safe_divide
+from jaxrt.boundary.silhouettes import Afar, Eye, Rim, Silhouettes, angular_lengths, edge_table, rim_at
+from jaxrt.boundary.trail import through_lens
+from jaxrt.cameras import View, edges_known, projection
+from jaxrt.core.maths import dot, normalize, safe_divide, safe_sqrt
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Hit, Ray, Smooth, SurfacePoint
 from jaxrt.core.samplers import independent
@@ -43,9 +45,9 @@ class OutlineTables:
 def camera_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
     """Return samples of the outlines that the camera sees move: all of them, or those of sphere lights alone.
 
-    None where the camera's rays start at many places: an outline is that of an eye.
+    None where they are not known of the camera: an outline is that of an eye, however far away.
     """
-    if not scene.camera.is_central:
+    if not edges_known(scene.camera):
         return ()
     tables = tables_of(scene)
     edges = edge_table(scene.triangles) if scene.triangles is not None and plan.geometry_moves else None
@@ -54,7 +56,9 @@ def camera_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ..
     if outlines.rows == 0 or not (lights or plan.geometry_moves):
         return ()
     bins = bins_for(outlines.rows)
-    weights = angular_lengths(outlines, tables.camera.position, jnp.zeros((), scene.dtype), True, bins)
+    camera, nothing = tables.camera, jnp.zeros((), scene.dtype)
+    reach = nothing if camera.lens is None else camera.radius
+    weights = angular_lengths(outlines, _eye(camera), reach, True, bins)
     if not plan.geometry_moves:
         weights = jnp.where(jnp.arange(weights.shape[0]) >= tables.first_light * bins, weights, 0)
     n = plan.n if plan.geometry_moves else -(-plan.n // LIGHTS_ONLY)
@@ -62,17 +66,28 @@ def camera_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ..
     return (sample_guided(partial(_sample, plan, bins), operands, weights, n, seed ^ jnp.uint32(1), plan.devices),)
 
 
+def _eye(camera: View) -> Eye:
+    if camera.heading is None:
+        return camera.position
+    nothing = jnp.zeros_like(camera.heading[0])
+    across = camera.start((nothing + camera.width, nothing + camera.height)) - camera.start((nothing, nothing))
+    return Afar(camera.heading, safe_sqrt(dot(across, across)))
+
+
 def _sample(plan: Plan, bins: int, operands: OutlineTables, draw: Draw) -> tuple[EdgeSamples, Array]:
     """Return one sample, and what it brings."""
-    tables, outlines = operands.tables, operands.outlines
+    tables, outlines = through_lens(operands.tables, draw.stream), operands.outlines
     camera = tables.camera
     placed = once(place)(draw)
     row = placed.bin // bins
     t = ((placed.bin % bins).astype(placed.t.dtype) + placed.t) / bins
-    rim = once(partial(rim_at, creases=True))(outlines, row, t, camera.position)
+    rim = once(partial(rim_at, creases=True))(outlines, row, t, _eye(camera))
     view = once(projection)(camera, rim.point)
+    eye = camera.eye(rim.point)
+    if camera.heading is not None:
+        rim = replace(rim, distance=dot(rim.point - eye, camera.heading))
     # The change of radiance across it
-    outside, inside, clear = _radiances(plan, tables, outlines, row, rim, draw)
+    outside, inside, clear = _radiances(plan, tables, outlines, row, rim, eye, draw)
     density = placed.density * bins * draw.total
     seen = rim.valid & clear & view.inside & (density > 0)
     spread = safe_divide(rim.jacobian * view.density, rim.distance * rim.distance * density)
@@ -80,18 +95,20 @@ def _sample(plan: Plan, bins: int, operands: OutlineTables, draw: Draw) -> tuple
     pixel = jnp.where(seen, view.pixel, camera.width * camera.height)
     occluder = occluder_anchors(outlines, plan.geometry_moves, row, t, rim)
     facing = jnp.where(seen, rim.normal, 0)
-    rays = ViewRays(view.image, facing, jnp.where(seen, view.depth, 0) * facing) if plan.geometry_moves else None
+    rays = None
+    if plan.geometry_moves:
+        rays = ViewRays(view.image, facing, jnp.where(seen, view.depth, 0) * facing, camera.lens)
     return EdgeSamples(pixel[None], weight[None], None, rays, (occluder,)), jnp.sum(jnp.abs(weight))
 
 
 def _radiances(
-    plan: Plan, tables: Tables, outlines: Silhouettes, row: Array, rim: Rim, draw: Draw
+    plan: Plan, tables: Tables, outlines: Silhouettes, row: Array, rim: Rim, eye: Array, draw: Draw
 ) -> tuple[Array, Array, Array]:
     """Return the radiance just outside and just inside an outline, and whether nothing hides it.
 
     Both use the same random numbers, so that equal surfaces on both sides cancel.
     """
-    starts, clear = both_sides(tables, outlines, row, rim, tables.camera.position)
+    starts, clear = both_sides(tables, outlines, row, rim, eye)
     both = jax.vmap(partial(_radiance_from, plan, tables, draw))(*starts)
     return both[0], both[1], clear
 
@@ -175,7 +192,7 @@ def _radiance_from(plan: Plan, tables: Tables, draw: Draw, ray: Ray, hit: Hit, p
     walk = walk_along(tables, ray, True)
 
     def event(walk: Walk, k: Array) -> tuple[Walk, None]:
-        here = once(find)(tables.geometry, walk.ray)
+        here = once(find)(tables.geometry, walk.ray, walk.alive)
         there = once(surface_point)(tables.geometry, walk.ray, here)
         first = k == 1
         here, there = jax.tree.map(lambda a, b: jnp.where(first, a, b), (hit, point), (here, there))

@@ -18,8 +18,8 @@ from jaxrt.boundary.anchors import occluder_anchors, surface_anchors
 from jaxrt.boundary.clearance import Anchors, EdgeSamples, LightPoints, ViewRays
 from jaxrt.boundary.guiding import Draw, place, sample_guided
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, edge_table, rim_at
-from jaxrt.boundary.trail import Vertex, one_of, path_from
-from jaxrt.cameras import Projection, projection
+from jaxrt.boundary.trail import Vertex, one_of, path_from, through_lens
+from jaxrt.cameras import Projection, edges_known, projection
 from jaxrt.core.maths import dot, face_forward, normalize, safe_divide, safe_sqrt, unit_roundoff
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Ray, SurfacePoint
@@ -89,9 +89,9 @@ class Carrier:
 def shadow_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
     """Return samples of the edges of shadows; none where nothing can cast or show one.
 
-    Nor where they are not known: of lights that have no place, and for a camera that is not at one.
+    Nor where they are not known: of lights that have no place, and before a camera that has neither eye nor heading.
     """
-    if not scene.camera.is_central or scene.lights is None or casters_of(scene.lights)[0].shape[0] == 0:
+    if not edges_known(scene.camera) or scene.lights is None or casters_of(scene.lights)[0].shape[0] == 0:
         return ()
     tables = tables_of(scene)
     # A scene's only light cannot block itself
@@ -131,6 +131,7 @@ def shadow_weights(tables: Tables, outlines: Silhouettes, bins: int) -> Array:
 
 def _sample(plan: Plan, bins: int, operands: ShadowTables, draw: Draw) -> tuple[tuple[EdgeSamples, ...], Array]:
     """Return one sample, and what it brings."""
+    operands = replace(operands, tables=through_lens(operands.tables, draw.stream))
     tables, outlines = operands.tables, operands.outlines
     assert tables.lights is not None
     # Draw a line from a light past an outline
@@ -260,7 +261,7 @@ def _toward_camera(
         sent = arriving * scattering.albedo * (share / jnp.pi)
     if scattering.glossy is None:
         return sent
-    eye = normalize(tables.camera.position - point.position)
+    eye = normalize(tables.camera.eye(point.position) - point.position)
     value = once(evaluate)(tables.materials, point, eye, wo)[0]
     cosine = jnp.abs(dot(point.shading, wo)) * jnp.ones_like(value)
     return jnp.where(scattering.glossy, arriving * safe_divide(value, cosine) * share, sent)
@@ -298,7 +299,8 @@ def _connect(tables: Tables, point: SurfacePoint, facing: Array, aside: Array) -
     camera beside the lamp sees the edge along the outline of what casts it, which hides all of the shadow.
     """
     view = projection(tables.camera, point.position)
-    away = tables.camera.position - point.position
+    eye = tables.camera.eye(point.position)
+    away = eye - point.position
     squared = dot(away, away)
     direction = normalize(away)
     # What the camera sees of the surface, on the side that is lit
@@ -306,7 +308,7 @@ def _connect(tables: Tables, point: SurfacePoint, facing: Array, aside: Array) -
     faced = view.inside & (cosine > GRAZING)
     # A ray of no length finds nothing, in no time
     beside = leave(point, direction).origin + aside - dot(point.normal, aside) * point.normal
-    line = tables.camera.position - beside
+    line = eye - beside
     reach = jnp.where(faced, safe_sqrt(dot(line, line)) - point.error, 0)
     blocked = occluded(tables.geometry, Ray(beside, normalize(line)), reach)
     return view, jnp.where(faced & ~blocked, safe_divide(cosine * view.density, squared), 0)
@@ -357,6 +359,6 @@ def _attached(operands: ShadowTables, receiver: Vertex, factor: Array) -> tuple[
     shown = jnp.sum(receiver.weight) > 0
     on_surface = jnp.where(shown, n * safe_divide(dot(factor, toward), slope), 0)
     on_ray = jnp.where(shown, factor, 0) - on_surface
-    view = ViewRays(receiver.view.image, on_ray, jnp.where(shown, receiver.view.depth, 0) * on_ray)
+    view = ViewRays(receiver.view.image, on_ray, jnp.where(shown, receiver.view.depth, 0) * on_ray, camera.lens)
     point = receiver.point.position, receiver.point.normal
     return view, surface_anchors(operands.tables.geometry, operands.faces, receiver.index, point, on_surface)

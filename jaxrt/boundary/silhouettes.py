@@ -46,13 +46,24 @@ class Silhouettes:
 
 
 @pytree
+class Afar:
+    """An eye that is so far away that all its lines of sight are parallel."""
+
+    direction: Array  # (3,) unit, in which it looks
+    extent: Array  # () diagonal of what it sees, in scene units
+
+
+Eye = Array | Afar  # (3,)
+
+
+@pytree
 class Rim:
     """A point of an outline as an eye sees it."""
 
     point: Array  # (3,)
     normal: Array  # (3,) unit, at right angles to the line of sight and to the outline, away from what blocks
     jacobian: Array  # () length of outline at right angles to the line of sight, per unit of t
-    distance: Array  # () from the eye
+    distance: Array  # () from the eye; 1 from one that is far away
     valid: Array  # () bool: there is an outline here
 
 
@@ -82,14 +93,17 @@ def edge_table(triangles: Triangles) -> EdgeTable:
     return EdgeTable(corners, jnp.stack([first, second], 1), edges.vertices, edges.faces, edges.used, border, same)
 
 
-def angular_lengths(table: Silhouettes, eye: Array, reach: Array, creases: bool, bins: int) -> Array:
+def angular_lengths(table: Silhouettes, eye: Eye, reach: Array, creases: bool, bins: int) -> Array:
     """Return the angle (rows · bins,) that each row's bins span, seen from an eye; 0 where they show no outline.
 
     reach: () the eye may be anywhere within this distance. creases: count every edge across which the surface's colour
-    can change, not silhouettes alone.
+    can change, not silhouettes alone. An eye that is far away sees lengths, up to about its extent.
     """
     parts = []
-    if table.spheres is not None:
+    if table.spheres is not None and isinstance(eye, Afar):
+        parts.append(jnp.repeat(2 * jnp.pi * jnp.minimum(table.spheres.radius, eye.extent) / bins, bins))
+    elif table.spheres is not None:
+        assert not isinstance(eye, Afar)
         squared, power = _seen_sphere(table.spheres, eye)
         sine = jnp.minimum(table.spheres.radius * lax.rsqrt(jnp.where(squared > 0, squared, 1)), 1)
         distance, radius = jnp.sqrt(squared), table.spheres.radius
@@ -100,19 +114,23 @@ def angular_lengths(table: Silhouettes, eye: Array, reach: Array, creases: bool,
     return jnp.concatenate(parts)
 
 
-def _angular_edges(edges: EdgeTable, eye: Array, reach: Array, creases: bool, bins: int) -> Array:
+def _angular_edges(edges: EdgeTable, eye: Eye, reach: Array, creases: bool, bins: int) -> Array:
     """Return the angle (e · bins,) of each edge's bins."""
     a, b = edges.corners[:, None, 0], edges.corners[:, None, 1]
-    t = ((jnp.arange(bins, dtype=eye.dtype) + 0.5) / bins)[None, :, None]
-    away = a + t * (b - a) - eye[None, None]
+    t = ((jnp.arange(bins, dtype=reach.dtype) + 0.5) / bins)[None, :, None]
+    points = a + t * (b - a)
+    # As far as a length away, it looks as large as that
+    away = jnp.broadcast_to(eye.direction, points.shape) if isinstance(eye, Afar) else points - eye[None, None]
     squared = jnp.sum(away * away, -1) + reach * reach
     side = jnp.stack(jnp.broadcast_arrays(*_cross_rows(b - a, away)), -1)
     length = safe_divide(jnp.sqrt(jnp.sum(side * side, -1)), squared) / bins
+    length = jnp.minimum(length, eye.extent / bins) if isinstance(eye, Afar) else length
     n0, n1 = edges.normals[:, 0], edges.normals[:, 1]
     bent = is_bent(edges)
     if creases:
         shown = bent | ~edges.same
     else:
+        assert not isinstance(eye, Afar)
         h0, h1 = (jnp.sum(n * (eye[None] - edges.corners[:, 0]), -1) for n in (n0, n1))
         shown = bent & (edges.border | ~(((h0 > reach) & (h1 > reach)) | ((h0 < -reach) & (h1 < -reach))))
     return jnp.where((shown & edges.used)[:, None], length, 0).ravel()
@@ -137,7 +155,7 @@ def _seen_sphere(table: SphereTable, eye: Array) -> tuple[Array, Array]:
     return jnp.sum(away * away, -1), power
 
 
-def rim_at(table: Silhouettes, row: Array, t: Array, eye: Array, creases: bool) -> Rim:
+def rim_at(table: Silhouettes, row: Array, t: Array, eye: Eye, creases: bool) -> Rim:
     """Return the point at t of a row's outline, as seen from an eye. creases: see `angular_lengths`."""
     if table.edges is None:
         assert table.spheres is not None
@@ -150,9 +168,14 @@ def rim_at(table: Silhouettes, row: Array, t: Array, eye: Array, creases: bool) 
     return Rim(*(jnp.where(row < n, x, y) for x, y in zip(_fields(a), _fields(b), strict=True)))
 
 
-def _sphere_rim(table: SphereTable, row: Array, t: Array, eye: Array) -> Rim:
+def _sphere_rim(table: SphereTable, row: Array, t: Array, eye: Eye) -> Rim:
     """Return a point of the circle where lines from the eye touch a sphere."""
     center, radius = table.center[row], table.radius[row]
+    cos, sin = sincos_2pi(t)
+    if isinstance(eye, Afar):
+        side, up = frame(eye.direction)
+        normal, one = cos * side + sin * up, jnp.ones_like(radius)
+        return Rim(center + radius * normal, normal, 2 * jnp.pi * radius, one, one > 0)
     away = eye - center
     squared = dot(away, away)
     power = dot(eye - table.base[row], away - table.shift[row]) + table.constant[row]
@@ -161,16 +184,15 @@ def _sphere_rim(table: SphereTable, row: Array, t: Array, eye: Array) -> Rim:
     sine, cosine = radius * inverse, safe_sqrt(power) * inverse
     axis = jnp.where(valid, -away * inverse, jnp.zeros_like(away).at[2].set(1))
     side, up = frame(axis)
-    cos, sin = sincos_2pi(t)
     normal = cosine * (cos * side + sin * up) - sine * axis
     return Rim(center + radius * normal, normal, 2 * jnp.pi * radius * cosine, safe_sqrt(power), valid & (power > 0))
 
 
-def _edge_rim(table: EdgeTable, row: Array, t: Array, eye: Array, creases: bool) -> Rim:
+def _edge_rim(table: EdgeTable, row: Array, t: Array, eye: Eye, creases: bool) -> Rim:
     """Return a point of an edge."""
     a, b, v0, v1 = (table.corners[row, i] for i in range(4))
     point = a + t * (b - a)
-    away = point - eye
+    away = eye.direction if isinstance(eye, Afar) else point - eye
     distance = safe_sqrt(dot(away, away))
     side = cross(b - a, normalize(away))
     jacobian = safe_sqrt(dot(side, side))

@@ -19,6 +19,7 @@ from jaxrt.cameras import Projection, View
 from jaxrt.core.maths import dot, face_forward, grad_only, normalize, safe_divide
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Hit, Ray, SurfacePoint
+from jaxrt.core.samplers import Stream, independent
 from jaxrt.core.sampling import numbers_of_direction
 from jaxrt.kernels.native import map_packets, on_devices, once
 from jaxrt.materials import Materials, scatter, single
@@ -27,6 +28,7 @@ from jaxrt.shapes.sphere import SphereTable
 from jaxrt.shapes.triangle import corner_table
 from jaxrt.transport.path import Tables
 
+LENS = 1 << 30  # block of a sample's random numbers that choose a place on the lens: no event has that number
 ONWARD = 1e-4  # of a path's segment, more than the rounding of where it begins
 
 
@@ -186,9 +188,11 @@ def _plain(path: Path, events: int) -> Path:
 
 def _steepness(camera: View, view: ViewRays, along: Array) -> Array:
     """Return F_j / (F_x² + F_y²) of the clearance F along a direction j of the picture."""
+    here = camera if view.lens is None else camera.through((view.lens[0], view.lens[1]))
 
     def towards(x: Array, y: Array) -> Array:
-        return dot(view.toward, camera.toward((x, y)))
+        turned = dot(view.toward, here.toward((x, y)))
+        return turned if here.heading is None else turned + dot(view.start, here.start((x, y)))
 
     one, nothing = jnp.ones_like(along[0]), jnp.zeros_like(along[0])
     slopes = [jax.jvp(towards, (view.image[0], view.image[1]), t)[1] for t in ((one, nothing), (nothing, one))]
@@ -198,6 +202,8 @@ def _steepness(camera: View, view: ViewRays, along: Array) -> Array:
 def trail_of(tables: Tables, path: Path, shapes_move: bool = True) -> tuple[ViewRays, Trail | None]:
     """Return what the clearance of a path's last ray depends on; all is 0, whatever the path, where the factors are."""
     wanted = jnp.any(path.change.origin != 0)
+    if path.lens is not None:
+        tables = replace(tables, camera=tables.camera.through((path.lens[0], path.lens[1])))
 
     def back(change: Ray, event: tuple[Array, Turn]) -> tuple[Ray, Trail | None]:
         k, turn = event
@@ -215,12 +221,20 @@ def trail_of(tables: Tables, path: Path, shapes_move: bool = True) -> tuple[View
     return view_rays(tables, path.image, change), trail
 
 
+def through_lens(tables: Tables, stream: Stream) -> Tables:
+    """Return the tables with a camera that sees through one place of its lens, if it has one."""
+    if tables.camera.lens is None:
+        return tables
+    u = independent(stream, LENS)[2:]
+    return replace(tables, camera=tables.camera.through((u[0].astype(tables.dtype), u[1].astype(tables.dtype))))
+
+
 def path_through(tables: Tables, points: Array, index: Array, last: tuple[Array, Array] | None = None) -> Turn:
     """Return the events (k,) of a path from the camera that meets primitives (k,) at points (k, 3), in this order.
 
     last: the number () of its last event, and the place (3,) to which it goes from there.
     """
-    source = jnp.concatenate([tables.camera.position[None], points[:-1]])
+    source = jnp.concatenate([tables.camera.eye(points[0])[None], points[:-1]])
     beyond = jnp.concatenate([points[1:], points[-1:]])
     if last is not None:
         beyond = jnp.where((jnp.arange(index.shape[0]) == last[0])[:, None], last[1][None], beyond)
@@ -247,7 +261,8 @@ def path_from(tables: Tables, vertices: Vertex, shown: Vertex, number: Array, ch
     last = None if end is None else (number, end)
     turns = path_through(tables, vertices.point.position[order], vertices.index[order], last)
     brings = jnp.sum(shown.weight) > 0
-    return Path(turns, number, jax.tree.map(lambda x: jnp.where(brings, x, 0), change), shown.view.image)
+    change = jax.tree.map(lambda x: jnp.where(brings, x, 0), change)
+    return Path(turns, number, change, shown.view.image, lens=tables.camera.lens)
 
 
 def _turn(tables: Tables, source: Array, place: Array, index: Array, beyond: Array) -> Turn:
@@ -265,17 +280,17 @@ def _turn(tables: Tables, source: Array, place: Array, index: Array, beyond: Arr
 def view_rays(tables: Tables, image: Array, change: Ray) -> ViewRays:
     """Return the factors of the camera's position and direction from those of its ray through an image point."""
     camera = tables.camera
-    toward = camera.toward((image[0], image[1]))
+    place = image[0], image[1]
 
-    def pull(toward: Array, change: Ray) -> tuple[Array, Array]:
-        return jax.vjp(lambda o, d: Ray(o, normalize(d)), camera.position, toward)[1](change)
+    def pull(start: Array, toward: Array, change: Ray) -> tuple[Array, Array]:
+        return jax.vjp(lambda o, d: Ray(o, normalize(d)), start, toward)[1](change)
 
-    return ViewRays(image, *once(pull)(toward, change))
+    return ViewRays(image, *once(pull)(camera.start(place), camera.toward(place), change), camera.lens)
 
 
 def central_ray(camera: View, x: Array, y: Array) -> Ray:
-    """Return the ray of a central camera through an image point."""
-    return Ray(camera.position, normalize(camera.toward((x, y))))
+    """Return the ray of a camera through an image point and one place of its lens."""
+    return Ray(camera.start((x, y)), normalize(camera.toward((x, y))))
 
 
 def _where(use: Array, new: Any, old: Any) -> Any:

@@ -5,12 +5,13 @@ camera answers
 
     ray(image, u) -> the Ray through an image point; u: two numbers in [0, 1), for a place on a lens
 
-and one whose rays all start at its `position` is central, and answers
+and one whose rays all start at its `position` is central, one whose rays all go the same way is parallel, and both
+answer
 
     project(point) -> (image point, () bool: whether the point is in view), finite for any point
 
 so that moving outlines and shadow edges are known. It may also answer `frame()`, with what the rays of a whole render
-share: a `View` of its own.
+share: a `View` of its own. A lens is many eyes: the `View` through each place of it is that of a central camera.
 """
 
 from typing import Any
@@ -21,7 +22,7 @@ from jax import Array
 
 from jaxrt.core import sampling
 from jaxrt.core.maths import dot, normalize, safe_sqrt
-from jaxrt.core.pytree import pytree
+from jaxrt.core.pytree import dtype_of, pytree
 from jaxrt.core.records import Ray
 
 Pair = tuple[Array, Array]
@@ -31,6 +32,9 @@ class View:
     """A camera as the path and the edges read it; what follows from `ray` and `project` is here."""
 
     position: Any  # (3,) the eye of a central camera
+    heading: Array | None = None  # (3,) unit direction of all rays of a parallel camera; None for a central one
+    lens: Array | None = None  # (2,) numbers of the place on the lens that it is seen through; None without a lens
+    radius: Any  # () of the lens, in scene units, if there is one
     width: Any
     height: Any
 
@@ -42,19 +46,31 @@ class View:
         """Return the image point at which a point is seen, and whether it is in view."""
         raise NotImplementedError
 
+    def through(self, u: Pair) -> "View":
+        """Return the view through one place of the lens."""
+        return self
+
+    def start(self, image: Pair) -> Array:
+        """Return where (3,) the ray through an image point starts."""
+        return self.position
+
+    def eye(self, point: Array) -> Array:
+        """Return where (3,) the ray that shows a point starts."""
+        return self.position if self.heading is None else self.start(self.project(point)[0])
+
     def toward(self, image: Pair) -> Array:
         """Return the direction (3,) to what an image point shows, of any length."""
         nowhere = jnp.zeros_like(image[0])
         return self.ray(image, (nowhere, nowhere)).direction
 
     def depth(self, point: Array) -> Array:
-        """Return how many times `toward` it is from the eye to a point."""
-        away = point - self.position
+        """Return how many times `toward` it is from where its ray starts to a point."""
+        away = point - self.eye(point)
         return safe_sqrt(dot(away, away))
 
     def density(self, point: Array) -> Array:
-        """Return the pixels per steradian at a point's image, by the Jacobian of `project`."""
-        away = point - self.position
+        """Return the pixels per steradian at a point's image, as seen from its eye, by the Jacobian of `project`."""
+        away = point - self.eye(point)
         (a, b), (c, d) = (self._moved(point, side) for side in sampling.frame(normalize(away)))
         return jnp.abs(a * d - b * c) * dot(away, away)
 
@@ -70,8 +86,13 @@ class Plain(View):
     camera: Any
 
     position = property(lambda self: self.camera.position)
+    heading = property(lambda self: self.toward(_origin(self)) if self.camera.is_parallel else None)
     width = property(lambda self: self.camera.width)
     height = property(lambda self: self.camera.height)
+
+    def start(self, image: Pair) -> Array:
+        """Return where (3,) the ray through an image point starts."""
+        return self.camera.ray(image, _origin(self)).origin if self.camera.is_parallel else self.position
 
     def ray(self, image: Pair, u: Pair) -> Ray:
         """Return the ray through an image point."""
@@ -80,6 +101,16 @@ class Plain(View):
     def project(self, point: Array) -> tuple[Pair, Array]:
         """Return the image point at which a point is seen, and whether it is in view."""
         return self.camera.project(point)
+
+
+def _origin(tree: Any) -> Pair:
+    nothing = jnp.zeros((), dtype_of(tree))
+    return nothing, nothing
+
+
+def edges_known(camera: Any) -> bool:
+    """Return whether the edges that a camera sees are known: whether its rays start at one place or go one way."""
+    return bool(camera.is_central or camera.is_parallel)
 
 
 def view_of(camera: Any) -> View:
@@ -99,7 +130,7 @@ class Projection:
 
 
 def projection(view: View, point: Array) -> Projection:
-    """Return the image of a point in a central camera's view; finite, but meaningless, where it is not `inside`."""
+    """Return the image of a point in a camera's view; finite, but meaningless, where it is not `inside`."""
     (x, y), ahead = view.project(point)
     inside = ahead & (x > 0) & (x < view.width) & (y > 0) & (y < view.height)
     x, y = jnp.where(inside, x, 0), jnp.where(inside, y, 0)

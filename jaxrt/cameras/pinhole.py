@@ -6,56 +6,32 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from jaxrt.cameras.interface import Pair, View
-from jaxrt.core.maths import cross, dot, normalize, safe_divide, safe_sqrt
+from jaxrt.cameras.looking import Looking, axes_of
+from jaxrt.core.maths import dot, normalize, safe_divide, safe_sqrt
 from jaxrt.core.pytree import pytree, static
 from jaxrt.core.records import Ray
-from jaxrt.description import values
-from jaxrt.description.fields import Angle, Place, Up
+from jaxrt.description.fields import Angle
 from jaxrt.description.kinds import camera
-from jaxrt.description.values import SHORTEST, Count, complaint, show
+from jaxrt.description.values import Count
 
 RADIANS = 0.1, np.pi  # what a fov would be in radians; below it is a probe that somebody means
 SPECK = 0.1  # of what is looked at: a view that is narrower than that hardly is meant
 STRETCHED = 150  # degrees, from where on an eighth of the picture's height is a third of the view
-PARALLEL = 1e-6  # sine of the angle between up and view below which the camera's frame is noise in float32
 
 
 @camera
-class Pinhole:
+class Pinhole(Looking):
     """A pinhole camera; `fov` is vertical, in degrees."""
 
-    position: Place  # (3,) scene units
-    target: Place = Field(default=None, validate_default=True)  # (3,) the point at the picture's centre
-    up: Up = (0.0, 1.0, 0.0)  # (3,) any length, not parallel to the view
     fov: Angle = 60.0  # () vertical, degrees
     width: Count = 512
     height: Count = 512
     is_central = True
 
-    class Table(values.Table):
+    class Table(Looking.Table):
         """Its table, further checked."""
-
-        @field_validator("target", mode="before", check_fields=False)
-        @classmethod
-        def _look_along_minus_z(cls, value: Any, info: ValidationInfo) -> Any:
-            x, y, z = info.data.get("position", (0.0, 0.0, 0.0))
-            return (x, y, z - 1) if value is None else value
-
-        @model_validator(mode="after")
-        def _check_frame(self: Any) -> Any:
-            up = self.up
-            view = np.subtract(self.target, self.position)
-            length, up_length = np.linalg.norm(view), np.linalg.norm(up)
-            if length < SHORTEST:
-                raise complaint("is the camera's position: nothing to look along, move one of them", "target")
-            if up_length < SHORTEST:
-                raise complaint(f"{show(up)} is zero: use a direction such as [0, 1, 0]", "up")
-            if np.linalg.norm(np.cross(view, up)) <= PARALLEL * length * up_length:
-                raise complaint(f"{show(up)} is parallel to the view: choose another direction", "up")
-            return self
 
         def doubts(self: Any, sizes: Sequence[float]) -> Iterator[str]:
             """Tell of a view that is hardly meant. sizes: the angles under which it sees things."""
@@ -68,19 +44,9 @@ class Pinhole:
 
     def frame(self) -> "PinholeFrame":
         """Return the axes of the picture; row 0 is the top, fov is the vertical angle in degrees."""
-        forward = normalize(self.target - self.position)
-        right = normalize(cross(forward, normalize(self.up)))
-        up = cross(right, forward)
+        right, up, forward = axes_of(self)
         pixel = 2 * jnp.tan(jnp.radians(self.fov) / 2) / self.height
         return PinholeFrame(self.position, pixel * right, pixel * up, forward, self.width, self.height)
-
-    def ray(self, image: Pair, u: Pair) -> Ray:
-        """Return the ray through an image point."""
-        return self.frame().ray(image, u)
-
-    def project(self, point: Array) -> tuple[Pair, Array]:
-        """Return the image point, and whether the point is in front of the camera."""
-        return self.frame().project(point)
 
 
 @pytree

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from jaxrt.cli.parser import Parser, Version
 from jaxrt.core.messages import show
+from jaxrt.hosts.seats import Seat, hosts_from
 
 COUNT_MAX = 2**31 - 1
 SEED_MAX = 2**32 - 1
@@ -16,7 +17,8 @@ begin with:
   jaxrt render room.toml -o room.png   its picture
   jaxrt COMMAND --help                 all that a command can do
 
-exit status: 0 done, 1 a gradient differs or a fit is open, 2 bad input, 3 written elsewhere, 128 + n by signal n"""
+exit status: 0 done, 1 a gradient differs or a fit is open, 2 bad input, 3 written elsewhere, 4 a host is lost,
+128 + n by signal n"""
 
 
 def parser() -> Parser:
@@ -82,6 +84,9 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     _add_display(parser)
     long = parser.add_argument_group("long renders")
     long.add_argument("--resume", action="store_true", help="go on from FILE.partial, which an interruption left")
+    long.add_argument(
+        "--hosts", type=_hosts, metavar="A,B", help="draw on all of these, this one first; auto under a scheduler"
+    )
     long.add_argument("--samples", type=_range, metavar="A:B", help="draw only these of the --spp, for jaxrt merge")
 
 
@@ -166,6 +171,13 @@ def _range(text: str) -> tuple[int, int]:
     if not colon or not whole(first) < whole(end):
         raise argparse.ArgumentTypeError(f"{show(text)} is no range: write FIRST:END, such as 0:512; --spp is how many")
     return whole(first), whole(end)
+
+
+def _hosts(text: str) -> Seat | list[str]:
+    try:
+        return hosts_from(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _number(text: str) -> float:

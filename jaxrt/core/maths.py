@@ -1,16 +1,19 @@
-"""Vectors, safe roots and quotients, compensated sums: the only place with guards against 0/0 and √0."""
+"""Vectors, safe roots and quotients, rotations, compensated sums: the only place with guards against 0/0 and √0."""
 
+import math
 from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
+from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
 Number = TypeVar("Number", Array, NDArray[np.float64])
 Parts = tuple[Array, Array, Array]  # a sum in three parts, each about a rounding error of the one before
 
+TERMS = 9  # of series up to an angle of 1: the next is below the rounding of float64
 FAR = 1e30  # distance of a ray that hits nothing: finite, so that masked arithmetic never makes a NaN (stability of AD)
 
 
@@ -106,3 +109,48 @@ def face_forward(normal: Array, wo: Array) -> Array:
 def reflect(wo: Array, normal: Array) -> Array:
     """Return the mirror direction of `wo`, both pointing away from the surface; either sign of the normal."""
     return 2 * dot(wo, normal) * normal - wo
+
+
+def rigid(vertices: ArrayLike, rotvec: ArrayLike, shift: ArrayLike) -> Array:
+    """Return vertices (…, 3), turned about the origin by |rotvec| radians about rotvec (3,), then moved by shift (3,).
+
+    Exact where rotvec is 0, and smooth everywhere, at 0 too (Rodrigues 1840).
+    """
+    points = jnp.asarray(vertices)
+    matrix = turn_less_one(jnp.asarray(rotvec, points.dtype))
+    turned = points + turned_by(jnp.broadcast_to(matrix, (*points.shape, 3)), points)
+    return turned + jnp.broadcast_to(jnp.asarray(shift, points.dtype), points.shape)
+
+
+def turn_less_one(vector: Array) -> Array:
+    """Return R − 1 (…, 3, 3) of rotation vectors (…, 3) in radians: what a turn adds to a point, exactly 0 for none."""
+    x, y, z = jnp.moveaxis(vector, -1, 0)
+    nothing = jnp.zeros_like(x)
+    rows = (nothing, -z, y), (z, nothing, -x), (-y, x, nothing)
+    axis = jnp.stack([jnp.stack(row, -1) for row in rows], -2)
+    squared = x * x + y * y + z * z
+    sine, versine = (factor[..., None, None] for factor in _coefficients(squared))
+    one = jnp.broadcast_to(jnp.eye(3, dtype=vector.dtype), axis.shape)
+    return sine * axis + versine * (vector[..., :, None] * vector[..., None, :] - squared[..., None, None] * one)
+
+
+def turned_by(matrix: Array, points: Array) -> Array:
+    """Return matrices (…, 3, 3) times points (…, 3), written out: products may have reduced precision elsewhere."""
+    return jnp.sum(matrix * points[..., None, :], -1)
+
+
+def _coefficients(squared: Array) -> tuple[Array, Array]:
+    """Return sin θ/θ and (1 − cos θ)/θ² of θ², by their series in θ² up to θ = 1."""
+    small = squared < 1
+    near, angle = jnp.where(small, squared, 0), jnp.sqrt(jnp.where(small, 1, squared))
+    half = jnp.sin(angle / 2) / angle
+    sine = jnp.where(small, _series(near, 1), jnp.sin(angle) / angle)
+    return sine, jnp.where(small, _series(near, 2), 2 * half * half)
+
+
+def _series(x: Array, first: int) -> Array:
+    """Return Σ (−x)ᵏ/(2k + first)!."""
+    total = jnp.zeros_like(x)
+    for k in reversed(range(TERMS)):
+        total = 1 / math.factorial(2 * k + first) - x * total
+    return total

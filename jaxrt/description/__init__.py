@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
@@ -17,8 +18,10 @@ from jaxrt.core.messages import SceneError, SceneWarning, nearest, show
 from jaxrt.description.kinds import CAMERAS, LIGHTS, MATERIALS
 from jaxrt.description.mesh import MeshDescription
 from jaxrt.description.mesh_facts import COLLINEAR
+from jaxrt.description.pose import GroupDescription, joined
 from jaxrt.description.values import (
     FLOAT32_TINY,
+    LONGEST,
     Count,
     Name,
     Radius,
@@ -33,6 +36,7 @@ from jaxrt.description.values import (
 
 __all__ = [
     "EnvironmentDescription",
+    "GroupDescription",
     "MaterialDescription",
     "MeshDescription",
     "RenderDefaults",
@@ -71,6 +75,7 @@ class SphereDescription(Table):
     radius: Radius
     material: Name
     name: Name | None = None
+    group: Name | None = None  # with which it is placed
 
 
 class TriangleDescription(Table):
@@ -107,6 +112,12 @@ def _check_types(value: Any) -> Any:
     return value
 
 
+def _check_groups(value: Any) -> Any:
+    if not isinstance(value, Mapping):
+        raise complaint(f"{show(value)} is not a table: write [groups.NAME]")
+    return value
+
+
 class Lamp(NamedTuple):
     """A light that shines from a place."""
 
@@ -122,10 +133,51 @@ class SceneDescription(Table):
     render: RenderDefaults = RenderDefaults()
     environment: EnvironmentDescription | None = None
     materials: Annotated[dict[Name, MaterialDescription], BeforeValidator(_check_types)] = {}
+    groups: Annotated[dict[Name, GroupDescription], BeforeValidator(_check_groups)] = {}
     spheres: Annotated[tuple[SphereDescription, ...], BeforeValidator(tables)] = ()
     meshes: Annotated[tuple[MeshDescription, ...], BeforeValidator(tables)] = ()
     triangles: Annotated[tuple[TriangleDescription, ...], BeforeValidator(tables)] = ()
     lights: Annotated[tuple[Annotated[Any, BeforeValidator(LIGHTS.validate)], ...], BeforeValidator(tables)] = ()
+
+    def _check_room(self) -> None:
+        """Complain of what a group places where float32 has no room."""
+        far = {"spheres": [max(*map(abs, s.center), s.radius, 1 / s.radius) for s in self.flat.spheres]}
+        far["meshes"] = [float(np.abs(mesh.world).max()) if len(mesh.kept) else np.inf for mesh in self.flat.meshes]
+        for sort, sizes in far.items():
+            for i, size in enumerate(sizes):
+                if not size <= LONGEST:
+                    name = show(getattr(self, sort)[i].group)
+                    raise complaint(
+                        f"{name} makes it too large, too small or too far out for float32: scale the group",
+                        sort,
+                        i,
+                        "group",
+                    )
+
+    @cached_property
+    def flat(self) -> "SceneDescription":
+        """The same scene without groups: what they hold is where they place it."""
+        if not self.groups:
+            return self
+        spheres = tuple(self._flat_sphere(sphere) for sphere in self.spheres)
+        meshes = tuple(self._flat_mesh(mesh) for mesh in self.meshes)
+        fields = {name: getattr(self, name) for name in type(self).model_fields}
+        return type(self).model_construct(**fields | {"groups": {}, "spheres": spheres, "meshes": meshes})
+
+    def _flat_sphere(self, sphere: SphereDescription) -> SphereDescription:
+        if sphere.group is None:
+            return sphere
+        group = self.groups[sphere.group]
+        center = tuple(group.placed(np.asarray(sphere.center, float)[None])[0].tolist())
+        return sphere.model_copy(
+            update={"center": center, "radius": group.scale * sphere.radius, "group": None},
+        )
+
+    def _flat_mesh(self, mesh: MeshDescription) -> MeshDescription:
+        if mesh.group is None:
+            return mesh
+        fields = {name: getattr(mesh, name) for name in type(mesh).model_fields}
+        return type(mesh).model_construct(**fields | joined(mesh, self.groups[mesh.group]) | {"group": None})
 
     @property
     def eye(self) -> np.ndarray | None:
@@ -206,6 +258,19 @@ class SceneDescription(Table):
                 if member.material not in self.materials:
                     hint = nearest(member.material, self.materials)
                     raise complaint(f"unknown material {show(member.material)}{hint}", group, i, "material")
+        return self
+
+    @model_validator(mode="after")
+    def _check_members(self) -> Self:
+        members: dict[str, Sequence[SphereDescription | MeshDescription]]
+        members = {"spheres": self.spheres, "meshes": self.meshes}
+        for sort, things in members.items():
+            for i, thing in enumerate(things):
+                if thing.group is not None and thing.group not in self.groups:
+                    hint = nearest(thing.group, self.groups) if self.groups else f": add [groups.{thing.group}]"
+                    raise complaint(f"unknown group {show(thing.group)}{hint}", sort, i, "group")
+        if self.groups:
+            self._check_room()
         return self
 
 

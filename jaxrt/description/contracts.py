@@ -1,5 +1,6 @@
 """Whether the methods of a kind of one's own answer as they should: traced without numbers, where the class is made."""
 
+from itertools import product
 from typing import Any
 
 import jax
@@ -39,9 +40,10 @@ CONTRACTS: dict[str, dict[str, tuple[tuple[Any, ...], Any, str]]] = {
 def check_methods(word: str, kind: Any, methods: tuple[str, ...]) -> None:
     """Raise TypeError, naming class and method, where one cannot be traced or returns something else than it should."""
     contract = CONTRACTS["delta light" if word == "light" and kind.cls.is_delta else word]
+    settings = {name: kind.table.model_fields[name].get_default() for name in kind.settings}
     arrays = {field: jax.ShapeDtypeStruct(measure.shape, jnp.float32) for field, measure in kind.measures.items()}
-    one = kind.cls(**arrays, **{name: kind.table.model_fields[name].get_default() for name in kind.settings})
-    for method in methods:
+    least = {field: array for field, array in arrays.items() if field not in kind.optional}
+    for one, method in product((kind.cls(**arrays, **settings), kind.cls(**least, **settings)), methods):
         arguments, wanted, words = contract[method]
         try:
             found = jax.eval_shape(lambda one, *rest, method=method: getattr(one, method)(*rest), one, *arguments)

@@ -47,8 +47,10 @@ def _not_zero(value: tuple[float, ...]) -> tuple[float, ...]:
 if TYPE_CHECKING:  # arrays to those who compute with them, numbers and tuples to those who write defaults
     Albedo: TypeAlias = Any
     Angle: TypeAlias = Any
+    Coefficient: TypeAlias = Any
     Direction: TypeAlias = Any
     Fraction: TypeAlias = Any
+    FullAngle: TypeAlias = Any
     Ior: TypeAlias = Any
     LightRadius: TypeAlias = Any
     Place: TypeAlias = Any
@@ -56,6 +58,8 @@ if TYPE_CHECKING:  # arrays to those who compute with them, numbers and tuples t
     Radius: TypeAlias = Any
     Real: TypeAlias = Any
     Rgb: TypeAlias = Any
+    Turn: TypeAlias = Any
+    Turns: TypeAlias = Any
     Up: TypeAlias = Any
 else:
     # Colours: share of each channel that is reflected; light of each channel, one number for grey
@@ -75,7 +79,15 @@ else:
     Radius = Annotated[values.Radius, Measure("positive", "", "10")]
     LightRadius = Annotated[values.LightRadius, Measure("positive", "", "1")]  # 0 for a point
     Angle = Annotated[values.Fov, Measure("angle", "", "60")]  # degrees, between 0 and 180
+    Turn = Annotated[Number, Measure("free", "", "0", step=0.5)]  # degrees, any number
+    Coefficient = Annotated[Number, Measure("free", "", "0", step=0.01)]  # of a lens's distortion
+    FullAngle = Annotated[
+        Size,
+        require(lambda x: 0 < x <= 360, "is not between 0 and 360: choose degrees, such as 180"),
+        Measure("positive", "", "180"),
+    ]
     # Three numbers
     Place = Annotated[values.Vector, Measure("place", "xyz", "[0, 0, 0]")]  # moves with the scene's origin
     Direction = Annotated[values.Vector, AfterValidator(_not_zero), Measure("free", "xyz", "[0, 1, 0]")]
     Up = Annotated[values.Vector, Measure("fixed", "xyz", "[0, 1, 0]")]  # a direction that is no parameter
+    Turns = Annotated[values.Vector, Measure("free", "xyz", "[0, 0, 0]", step=0.5)]  # axis times degrees

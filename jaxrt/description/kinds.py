@@ -10,17 +10,20 @@ makes the table `type = "mirror"` of the scene file, a pytree of arrays, one row
 `materials.albedo` with its range. Names without annotation are statics, the same for all materials of the kind.
 """
 
+import dataclasses
 import difflib
 import importlib
 import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
+from types import NoneType, UnionType
 from typing import (
     Any,
     ClassVar,
     Literal,
     NamedTuple,
     TypeVar,
+    Union,
     dataclass_transform,
     get_args,
     get_origin,
@@ -46,6 +49,7 @@ class Kind(NamedTuple):
     table: type[Table]  # its table in scene files
     measures: dict[str, Measure]  # by field: its arrays
     settings: tuple[str, ...]  # other fields: part of the pytree's structure
+    optional: frozenset[str] = frozenset()  # those of its arrays that may be absent: None, and then no code
 
     @property
     def parameters(self) -> dict[str, Measure]:
@@ -68,7 +72,10 @@ class Kind(NamedTuple):
 
         leaves = {}
         for field, measure in self.measures.items():
-            values = np.asarray([getattr(table, field) for table in tables], float).reshape(-1, *measure.shape)
+            given = [getattr(table, field) for table in tables]
+            if given[0] is None:
+                continue
+            values = np.asarray(given, float).reshape(-1, *measure.shape)
             leaves[field] = jnp.asarray(values - origin if measure.range == "place" else values, dtype)
         return self.cls(**leaves, **{name: getattr(tables[0], name) for name in self.settings})
 
@@ -122,18 +129,21 @@ class Family:
         if not isinstance(cls, type):
             raise TypeError(f"{self.word}: decorates a class: write @jaxrt.{self.word} above one")
         name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", cls.__name__).lower()
-        for field in self._shared.keys() - get_type_hints(cls).keys():
+        for field in [field for field in self._shared if field not in get_type_hints(cls)]:
             cls.__annotations__[field], default = self._shared[field]
             setattr(cls, field, default)
         measures, settings, columns = self._fields(cls)
+        hints = get_type_hints(cls, include_extras=True)
+        optional = frozenset(field for field in measures if _given(hints[field])[1])
+        # Those of its bases first, what may be absent last
+        cls.__annotations__ = {field: hints[field] for field in sorted(hints, key=optional.__contains__)}
         base: Any = getattr(cls, "Table", Table)
         columns = {"type": (Literal[name], name), **self._named, **columns}
         table: Any = create_model(
             cls.__name__, __base__=base, __doc__=cls.__doc__, __module__=cls.__module__, **columns
         )
-        for field in (*measures, *settings):  # rows have no defaults
-            if field in cls.__dict__:
-                delattr(cls, field)
+        for field in measures:  # rows have no defaults
+            setattr(cls, field, dataclasses.field(default=None) if field in optional else dataclasses.field())
         for field in settings:
             setattr(cls, field, static())
         for key, value in self._statics.items():
@@ -143,7 +153,7 @@ class Family:
         missing = [method for method in self._methods(cls) if not callable(getattr(cls, method, None))]
         if missing:
             raise TypeError(f"{self.word} {cls.__qualname__}: has no method {missing[0]}: define it")
-        kind = Kind(name, pytree(cls), table, measures, settings)
+        kind = Kind(name, pytree(cls), table, measures, settings, optional)
         self._admit(kind)
         if self._is_tried(cls):
             from jaxrt.description.contracts import check_methods
@@ -169,10 +179,11 @@ class Family:
         for field, hint in get_type_hints(cls, include_extras=True).items():
             if get_origin(hint) is ClassVar:
                 continue
-            measure = measure_of(get_args(hint)[1:])
+            given, is_optional = _given(hint)
+            measure = measure_of(get_args(given)[1:])
             if field in RESERVED or field.startswith("_"):
                 raise TypeError(f"{self.word} {cls.__qualname__}: {field} cannot be a field: name it otherwise")
-            if measure is not None:
+            if measure is not None and not (is_optional and self._rows):
                 measures[field] = measure
             elif self._rows:
                 raise TypeError(
@@ -265,6 +276,14 @@ class Family:
             raise complaint(text, *place) from None  # for the validator around
 
 
+def _given(hint: Any) -> tuple[Any, bool]:
+    """Return the type of a field where it is given, and whether it may be None instead."""
+    others = [each for each in get_args(hint) if each is not NoneType]
+    if get_origin(hint) in (Union, UnionType) and len(others) == 1 and NoneType in get_args(hint):
+        return others[0], True
+    return hint, False
+
+
 def _choices(names: Sequence[str]) -> str:
     quoted = [show(name) for name in names]
     return " or ".join(filter(None, (", ".join(quoted[:-1]), quoted[-1])))
@@ -292,7 +311,7 @@ def _of_camera(cls: Any) -> Sequence[str]:
         raise TypeError(
             f"camera {cls.__qualname__}: is central and has no position: make it a field, `position: Place`"
         )
-    return ("ray", "project") if cls.is_central else ("ray",)
+    return ("ray", "project") if cls.is_central or cls.is_parallel else ("ray",)
 
 
 MATERIALS = Family(
@@ -303,7 +322,7 @@ CAMERAS = Family(
     "camera",
     "camera",
     _of_camera,
-    {"is_central": False},
+    {"is_central": False, "is_parallel": False},
     default="pinhole",
     rows=False,
     tried=True,

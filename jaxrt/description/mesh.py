@@ -9,21 +9,8 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from jaxrt.description.mesh_facts import Floats, Ints, faces_with_area
-from jaxrt.description.values import (
-    LONGEST,
-    Name,
-    Number,
-    Size,
-    Table,
-    Vector,
-    complaint,
-    require,
-    show,
-    three,
-)
-
-Angles = Annotated[tuple[Number, Number, Number], BeforeValidator(three)]
-Scale = Annotated[Size, require(lambda x: x > 0, "is not > 0: use a positive scale")]
+from jaxrt.description.pose import Boolean, PoseTable
+from jaxrt.description.values import LONGEST, Name, complaint, show
 
 
 def _array(kind: type, shape: tuple[int, ...], example: str) -> Callable[[Any], NDArray[Any]]:
@@ -48,14 +35,8 @@ Faces = Annotated[Any, BeforeValidator(_array(int, (0, 3), "(n, 3) rows of the v
 Rows = Annotated[Any, BeforeValidator(_array(int, (0,), "(n,) whole numbers, one a face"))]
 
 
-def _boolean(value: Any) -> bool:
-    if not isinstance(value, bool | np.bool_):
-        raise complaint(f"{show(value)} is not a truth value: write true or false")
-    return bool(value)
-
-
-class MeshDescription(Table):
-    """A mesh: `scale`, then `rotate`, in degrees about x, then y, then z, then `translate` place its vertices."""
+class MeshDescription(PoseTable):
+    """A mesh: `scale`, then `rotate`, `rotate_vector` and `translate` place its vertices."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
 
@@ -67,10 +48,8 @@ class MeshDescription(Table):
     material: Name | None = None  # of all faces
     materials: dict[str, Any] | None = None  # those that the file brings along, where `material` names none
     face_materials: Rows | None = None  # (n,) row of `materials` of each face
-    scale: Scale = 1.0
-    rotate: Angles = (0.0, 0.0, 0.0)
-    translate: Vector = (0.0, 0.0, 0.0)
-    smooth: Annotated[bool, BeforeValidator(_boolean)] = False
+    smooth: Boolean = False
+    group: Name | None = None  # with which it is placed, once it is placed itself
 
     @model_validator(mode="before")
     @classmethod
@@ -122,14 +101,7 @@ class MeshDescription(Table):
     def world(self) -> Floats:
         """Vertices (v, 3) in the scene's coordinates, float64."""
         with np.errstate(over="ignore", invalid="ignore"):
-            placed = self.scale * self.vertices
-            if any(self.rotate):
-                placed = placed @ _rotation(self.rotate).T
-            return placed + np.array(self.translate)
-
-    def unplaced(self, places: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Return places (n, 3) in the scene's coordinates in those of the vertices."""
-        return ((places - np.array(self.translate)) @ _rotation(self.rotate)) / self.scale
+            return self.placed(self.vertices)
 
     @cached_property
     def kept(self) -> Ints:
@@ -148,15 +120,3 @@ class MeshDescription(Table):
             return np.zeros(len(self.kept), np.int64)
         rows: Ints = self.face_materials[self.kept]
         return rows
-
-
-def _rotation(degrees: tuple[float, float, float]) -> Floats:
-    """Return the matrix that turns about x, then y, then z."""
-    total = np.eye(3)
-    for axis, angle in enumerate(np.radians(degrees)):
-        turn = np.eye(3)
-        i, j = (axis + 1) % 3, (axis + 2) % 3
-        turn[[i, j], [i, j]] = np.cos(angle)
-        turn[j, i], turn[i, j] = np.sin(angle), -np.sin(angle)
-        total = turn @ total
-    return total

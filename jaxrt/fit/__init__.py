@@ -23,6 +23,7 @@ from jaxrt.fit.solve import FitError, Machine, Problem
 from jaxrt.fit.unknowns import Unknowns, all_rows, unknowns_of
 from jaxrt.fit.verdict import Verdict, standard_errors
 from jaxrt.scene import Scene, check_scene
+from jaxrt.scene.parameters import asked
 from jaxrt.scene.selectors import parse_selector
 
 __all__ = [
@@ -72,6 +73,7 @@ def fit(
     """
     require("fit", "optimistix")
     check_scene(scene)
+    scene = asked(scene, _names(parameters))
     spp = _count("spp", scene.defaults.spp if spp is None else spp)
     counts = {"max_steps": _count("max_steps", max_steps), "starts": _count("starts", starts)}
     depth = _count("max_depth", scene.defaults.max_depth if max_depth is None else max_depth)
@@ -93,7 +95,8 @@ def fit(
 
 def sought(scene: Scene, parameters: Sequence[str]) -> Unknowns:
     """Return the unknowns that texts such as `lights.position[0]` name. Raises SceneError."""
-    texts = [parameters] if isinstance(parameters, str) else list(parameters)
+    texts = _names(parameters)
+    scene = asked(scene, texts)
     if not texts:
         raise FitError('fit: parameters is empty: name some, as in ["lights.position[0]"]')
     if any(not isinstance(text, str) for text in texts):
@@ -107,6 +110,10 @@ def sought(scene: Scene, parameters: Sequence[str]) -> Unknowns:
             "or descend on jax.grad of a loss, whose cost does not grow with them"
         )
     return unknowns
+
+
+def _names(parameters: Sequence[str]) -> list[str]:
+    return [parameters] if isinstance(parameters, str) else list(parameters)
 
 
 def _checked(target: ArrayLike, weight: ArrayLike | None) -> tuple[Array, Array]:

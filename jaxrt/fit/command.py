@@ -22,6 +22,7 @@ from jaxrt.fit.files import (
 from jaxrt.io.scene_file import read_description
 from jaxrt.scene import build
 from jaxrt.scene.checks import check_memory
+from jaxrt.scene.parameters import asked
 
 INTERRUPTED = 128  # exit status, with the signal's number
 
@@ -41,7 +42,7 @@ def run_fit(args: argparse.Namespace) -> int:
 def _run(args: argparse.Namespace) -> int:
     target = load_target(args.target, args.srgb)
     description = _sized(read_description(args.scene, args.allow_folder), target, args)
-    scene = build(description)
+    scene = asked(build(description), args.parameters)
     unknowns = sought(scene, args.parameters)
     _say(*target.notes)
     folder: Path = args.output

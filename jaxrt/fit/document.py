@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from jaxrt.core.writing import write_text
 from jaxrt.description import MeshDescription, SceneDescription, SceneError
 from jaxrt.io.scene_file import read_text
+from jaxrt.scene.poses import POSES
 from jaxrt.scene.selectors import Selector, place_in_file
 
 Floats = NDArray[np.floating]
@@ -42,7 +43,7 @@ def write_scene(
 def _put(document: Any, selector: Selector, text: str, value: Floats, scene: SceneDescription) -> None:
     """Put a value in its place in the document."""
     owner, field = selector.name.split(".")
-    if owner == "meshes":
+    if selector.name == "meshes.vertices":
         total = sum(len(mesh.vertices) for mesh in scene.meshes) + 3 * len(scene.triangles)
         rows = np.atleast_1d(np.arange(total)[selector.row])
         _put_vertices(document, rows, np.reshape(value, (-1, 3)), text, scene)
@@ -53,7 +54,17 @@ def _put(document: Any, selector: Selector, text: str, value: Floats, scene: Sce
         if owner == "materials" and place not in document.setdefault("materials", {}):
             # A mesh file has brought it along
             document["materials"][place] = scene.materials[str(place)].model_dump(mode="json", exclude_none=True)
-        document[owner][place][field] = _plain(value)
+        key = "rotate_vector" if selector.name in POSES and field == "rotate" else field
+        document[owner][place][key] = _plain(_in_group(value, selector, scene))
+
+
+def _in_group(value: Floats, selector: Selector, scene: SceneDescription) -> Floats:
+    """Return a value of a sphere, which is where its group places it, as it is before that."""
+    name = scene.spheres[selector.row or 0].group if selector.name.startswith("spheres.") else None
+    if name is None:
+        return value
+    group = scene.groups[name]
+    return group.unplaced(value[None])[0] if selector.name.endswith(".center") else value / group.scale
 
 
 def _plain(value: Floats) -> Any:
@@ -65,13 +76,13 @@ def _plain(value: Floats) -> Any:
 def _put_vertices(document: Any, rows: NDArray[np.intp], places: Floats, text: str, scene: SceneDescription) -> None:
     """Put places (n, 3), in the scene's coordinates, where the rows of `meshes.vertices` come from."""
     first = 0
-    for i, mesh in enumerate(scene.meshes):
+    for i, (mesh, flat) in enumerate(zip(scene.meshes, scene.flat.meshes, strict=True)):
         own = (first <= rows) & (rows < first + len(mesh.vertices))
         if own.any():
             table = document["meshes"][i]
             if "file" in table:
                 _write_out(table, mesh, text)
-            for row, place in zip(rows[own] - first, mesh.unplaced(places[own]), strict=True):
+            for row, place in zip(rows[own] - first, flat.unplaced(places[own]), strict=True):
                 table["vertices"][int(row)] = _plain(place)
         first += len(mesh.vertices)
     for row, place in zip(rows, places, strict=True):

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jaxrt import boundary
 from jaxrt.boundary.tangent import moving_edges
+from jaxrt.cameras import edges_known
 from jaxrt.description import SceneError
 from jaxrt.fit.unknowns import Unknowns
 from jaxrt.fit.verdict import promised_gain
@@ -73,7 +74,7 @@ class Problem:
         names = [row.selector.name for row in self.unknowns.rows]
         materials = self.scene.materials
         moving = any(moves_lamps(name) or moves_shapes(name) or bends_light(materials, name) for name in names)
-        known = moving and self.scene.camera.is_central
+        known = moving and edges_known(self.scene.camera)
         return EDGES_PER_PIXEL * self.target.shape[0] * self.target.shape[1] if known else 0
 
     @property

@@ -2,7 +2,7 @@
 
 Albedos are the sigmoid of their number, intensities, radii and indices of refraction the exponential: a clipped value
 would lose its derivative at the bound. Places are counted in units of the scene's size, so that a step of one vector
-component is of like weight for all.
+component is of like weight for all; rotation vectors in radians.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jaxrt.description import SceneError
 from jaxrt.lights import casters_of
-from jaxrt.scene import Scene
+from jaxrt.scene import Scene, placed
 from jaxrt.scene.measures import has_rows, measure
 from jaxrt.scene.names import rows_called
 from jaxrt.scene.parameters import parameters, with_parameters
@@ -26,6 +26,7 @@ Floats = NDArray[np.float64]
 
 EDGE = 0.02  # starts are kept this far inside the bounds, where the derivative is not yet lost
 HALF_TURN = 180.0  # degrees, the bound of a field of view
+RADIAN = HALF_TURN / np.pi
 
 
 class Unknown(NamedTuple):
@@ -33,7 +34,7 @@ class Unknown(NamedTuple):
 
     selector: Selector
     text: str  # as the user wrote it
-    kind: str  # "place", "fraction", "positive", "angle" or "free"
+    kind: str  # "place", "shift", "turn", "fraction", "positive", "angle" or "free"
     first: int
     shape: tuple[int, ...]
 
@@ -91,6 +92,7 @@ class Unknowns(NamedTuple):
         for row in self.rows:
             value = self._value(row, vector)
             slope = {"fraction": value * (1 - value), "positive": value, "place": np.full_like(value, self.length)}
+            slope |= {"shift": slope["place"], "turn": np.full_like(value, RADIAN)}
             slope |= {"angle": value * (1 - value / HALF_TURN), "free": np.ones_like(value)}
             parts.append(slope[row.kind])
         return np.concatenate(parts)
@@ -100,9 +102,9 @@ class Unknowns(NamedTuple):
         u = np.asarray(vector, float)[row.span]
         if row.kind in ("fraction", "angle"):
             return (HALF_TURN if row.kind == "angle" else 1) / (1 + np.exp(-u))
-        if row.kind == "free":
-            return u
-        return np.exp(u) if row.kind == "positive" else self.length * u
+        if row.kind == "positive":
+            return np.exp(u)
+        return {"free": 1.0, "turn": RADIAN}.get(row.kind, self.length) * u
 
 
 def bounded(kind: str, u: Array, length: float) -> Array:
@@ -111,9 +113,9 @@ def bounded(kind: str, u: Array, length: float) -> Array:
         return jax.nn.sigmoid(u)
     if kind == "angle":
         return HALF_TURN * jax.nn.sigmoid(u)
-    if kind == "free":
-        return u
-    return jnp.exp(u) if kind == "positive" else length * u
+    if kind == "positive":
+        return jnp.exp(u)
+    return {"free": 1.0, "turn": RADIAN}.get(kind, length) * u
 
 
 def _free(row: Unknown, value: Floats, length: float) -> Floats:
@@ -125,7 +127,7 @@ def _free(row: Unknown, value: Floats, length: float) -> Floats:
     if row.kind == "positive":
         largest = value.max() if value.max() > 0 else 1.0
         return np.log(np.maximum(value, EDGE * largest))
-    return value if row.kind == "free" else value / length
+    return value / {"free": 1.0, "turn": RADIAN}.get(row.kind, length)
 
 
 def unknowns_of(scene: Scene, selectors: Mapping[str, Selector]) -> Unknowns:
@@ -145,6 +147,7 @@ def unknowns_of(scene: Scene, selectors: Mapping[str, Selector]) -> Unknowns:
 
 def scene_length(scene: Scene) -> float:
     """Return the diagonal of the box around camera, lights, triangles and all but huge spheres, in scene units."""
+    scene = placed(scene)
     camera, eye = scene.camera, np.zeros(3) if scene.eye is None else np.asarray(scene.eye, float)
     fields = [field for field, known in camera.kind.parameters.items() if known.range == "place"]
     points: list[Floats] = [np.asarray(getattr(camera, field), float)[None] for field in fields]

@@ -20,7 +20,7 @@ from jaxrt.gradcheck.steps import default_step
 from jaxrt.render import prepare, render
 from jaxrt.scene import Scene, check_scene
 from jaxrt.scene.measures import measure
-from jaxrt.scene.parameters import parameters, with_parameters
+from jaxrt.scene.parameters import asked, parameters, with_parameters
 from jaxrt.scene.selectors import Selector, select
 
 __all__ = ["Component", "Group", "Report", "gradcheck", "heatmap"]
@@ -59,6 +59,7 @@ def gradcheck(
     Raises SceneError for an unknown parameter or row, and ValueError for arguments out of range.
     """
     check_scene(scene)
+    scene = asked(scene, [name])
     selector = select(scene, name, row)
     name = selector.name
     spp = scene.defaults.spp if spp is None else spp

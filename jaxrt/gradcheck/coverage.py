@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxrt.cameras import edges_known
 from jaxrt.gradcheck.surfaces import lamps_cross, movers_of, nothing_faces_another, some_cross, surfaces_of
 from jaxrt.lights import casters_of
 from jaxrt.scene import Scene
@@ -45,7 +46,7 @@ def coverage(scene: Scene, name: str, max_depth: int, boundary_samples: int, row
     motion = _motion(scene, name, row)
     known = _known_edges(scene, motion, max_depth)
     missing = _unknown_edges(scene, motion, max_depth)
-    if known and not scene.camera.is_central:
+    if known and not edges_known(scene.camera):
         known, missing = [], [SCATTERED]
     if boundary_samples:
         return Coverage(bool(known), ("interior", *known), tuple(missing))

@@ -7,12 +7,13 @@ import numpy as np
 
 from jaxrt.description import SceneError
 from jaxrt.description.box_tree import Floats
-from jaxrt.gradcheck.surfaces import Surfaces, gaps, surfaces_of
+from jaxrt.gradcheck.surfaces import Surfaces, gaps, movers_of, surfaces_of
 from jaxrt.lights import casters_of
-from jaxrt.scene import Scene
+from jaxrt.scene import Scene, placed
 from jaxrt.scene.lights import light_numbers
 from jaxrt.scene.measures import measure, moves_lamps
 from jaxrt.scene.parameters import parameters
+from jaxrt.scene.poses import POSES, pivot_of
 from jaxrt.scene.selectors import Selector
 
 SHARE = 0.01  # step of places, as a share of the distance that the camera looks over
@@ -30,6 +31,8 @@ def default_step(scene: Scene, selector: Selector, value: float) -> float:
     known = measure(name)
     if known.step is not None or known.range == "fraction":
         return known.step or OF_FRACTION
+    if name in POSES:
+        return _pose_step(scene, selector, value)
     if known.range != "place" and not name.endswith(".radius"):
         largest = float(jnp.max(jnp.abs(selector.pick(parameters(scene)[name]))))
         return OF_VALUE[known.range] * (largest or 1.0)
@@ -40,6 +43,22 @@ def default_step(scene: Scene, selector: Selector, value: float) -> float:
             raise SceneError(f"{selector}: a radius of 0 has no central difference: check a light that has a radius")
         steps.append(OF_RADIUS * value)
     return max(min(steps), LEAST * reach)
+
+
+def _pose_step(scene: Scene, selector: Selector, value: float) -> float:
+    """Return the step of a number of a pose, by which what it moves goes as far as a place does in its step."""
+    surfaces, reach, name = surfaces_of(scene), _reach(scene), selector.name
+    movers = movers_of(scene, surfaces, name, selector.row)
+    centers, radii = surfaces.centers[movers.balls], surfaces.radii[movers.balls, None]
+    points = np.concatenate([centers - radii, centers + radii, surfaces.corners[movers.faces].reshape(-1, 3)])
+    if not len(points):
+        return 1.0  # of no effect
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    step = max(min(SHARE * reach, OF_LENGTH * size), LEAST * reach)
+    if name.endswith(".translate"):
+        return step
+    arm = float(np.linalg.norm(points - pivot_of(scene.poses, name, selector.row), axis=-1).max())
+    return float(np.degrees(step / arm)) if name.endswith(".rotate") else value * step / arm
 
 
 def _lengths(scene: Scene, selector: Selector, reach: float) -> Iterator[float]:
@@ -79,6 +98,7 @@ def _eye(scene: Scene) -> Floats:
 
 def _reach(scene: Scene) -> float:
     """Return a typical distance from the camera to what the scene is made of, huge spheres left out."""
+    scene = placed(scene)
     eye = _eye(scene)
     places: list[Floats] = []
     if scene.lights is not None:

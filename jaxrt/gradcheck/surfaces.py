@@ -9,9 +9,10 @@ from jaxrt.description.box_tree import Floats, Ints, box_distances, box_tree, de
 from jaxrt.description.mesh_facts import count_edges, cross, faces_with_area, triangle_distances
 from jaxrt.description.mesh_pairs import TOUCHING, faces_cross
 from jaxrt.lights import casters_of
-from jaxrt.scene import Scene
+from jaxrt.scene import Scene, placed
 from jaxrt.scene.lights import light_numbers
 from jaxrt.scene.measures import moves_lamps
+from jaxrt.scene.poses import moved_by
 from jaxrt.shapes import kept_digits
 
 Mask = NDArray[np.bool_]
@@ -43,6 +44,7 @@ class Movers(NamedTuple):
 
 def surfaces_of(scene: Scene) -> Surfaces:
     """Return the scene's surfaces; huge spheres lie where they are drawn, not where float32 rounds them to."""
+    scene = placed(scene)
     centers, radii = [np.zeros((0, 3))], [np.zeros(0)]
     if (s := scene.spheres) is not None:
         centers.append(np.asarray(s.center, float))
@@ -71,6 +73,10 @@ def movers_of(scene: Scene, surfaces: Surfaces, name: str, row: int | None) -> M
         balls[spheres + light_numbers(scene, name)[rows]] = True
     elif name == "meshes.vertices":
         faces[:] = True if row is None else np.any(surfaces.faces == row, axis=1)
+    elif scene.poses is not None:
+        moved, vertices = moved_by(scene.poses, name, row, spheres, len(surfaces.vertices))
+        balls[:spheres] = moved
+        faces[:] = np.any(vertices[surfaces.faces], axis=1)
     return Movers(balls, faces)
 
 

@@ -134,7 +134,13 @@ def everywhere(tree: Operands, devices: tuple[jax.Device, ...]) -> Operands:
     The results of a program on several are on each of them: going in again, they need no other program.
     """
     where = devices[0] if len(devices) == 1 else NamedSharding(_mesh(devices), PartitionSpec())
-    return jax.device_put(tree, where)
+    return jax.device_put(jax.tree.map(_own_copy, tree), where)
+
+
+def _own_copy(x: Any) -> Any:
+    """Return this host's copy of an array that lies on the devices of several."""
+    shared = isinstance(x, jax.Array) and not isinstance(x, jax.core.Tracer) and not x.is_fully_addressable
+    return x.addressable_data(0) if shared and x.is_fully_replicated else x
 
 
 def local(tree: Operands) -> Operands:

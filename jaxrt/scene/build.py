@@ -22,7 +22,8 @@ from jaxrt.scene.checks import check_memory, warnings_of
 from jaxrt.scene.lights import order_of_lights
 from jaxrt.scene.materials import list_materials
 from jaxrt.scene.names import names_of
-from jaxrt.scene.record import NoSceneError, Scene
+from jaxrt.scene.poses import poses_of
+from jaxrt.scene.record import NoSceneError, Scene, with_poses
 from jaxrt.shapes import Spheres, Triangles, lost_digits, mesh_edges, topology_of
 
 WIDE = 1e3  # from that ratio on, rays lose a triangle over 1/3000 of the smallest thing's size
@@ -39,12 +40,14 @@ def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = 
     if not isinstance(description, SceneDescription):
         description = parse_description(description)
     check_memory(description.camera.width, description.camera.height)
+    described, description = description, description.flat
     for message in warnings_of(description):
         warnings.warn(message, SceneWarning, stacklevel=2)
     origin = description.origin
     listed = list_materials(description, dtype, origin)
     environment = description.environment
     lights = lights_of(description.lights, dtype, origin)
+    poses = poses_of(described, origin, dtype)
     scene = Scene(
         camera=CAMERAS.kind_of(description.camera).single(description.camera, dtype, origin),
         spheres=_spheres(description, listed.rows, origin, dtype),
@@ -55,9 +58,12 @@ def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = 
         idle=listed.idle,
         order=listed.order | order_of_lights(description.lights, lights),
         origin=jnp.asarray(origin, dtype) if origin.any() else None,
+        poses=poses,
         defaults=description.render,
-        names=names_of(description),
+        names=names_of(described),
     )
+    if any(table.pose for table in (*described.meshes, *described.groups.values())):
+        scene = with_poses(scene)
     devices = default_devices()
     return scene if len(devices) == 1 else everywhere(scene, devices)
 

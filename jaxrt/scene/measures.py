@@ -6,14 +6,22 @@ from jaxrt.description.values import Measure
 from jaxrt.materials import Materials
 
 _PLACE = Measure("place", "xyz", "[0, 0, 0]")
+_TURN = Measure("turn", "xyz", "[0, 0, 0]")
+_SCALE = Measure("positive", "", "1")
 _OTHERS = {
     "spheres.center": _PLACE,
     "spheres.radius": Measure("positive", "", "10"),
     "meshes.vertices": _PLACE,
+    "meshes.translate": _PLACE,
+    "groups.translate": Measure("shift", "xyz", "[0, 0, 0]"),
+    "meshes.rotate": _TURN,
+    "groups.rotate": _TURN,
+    "meshes.scale": _SCALE,
+    "groups.scale": _SCALE,
     "environment.radiance": Measure("positive", "rgb", "[1, 1, 1]", tints=True),
 }
 ALONE = ("camera", "environment")  # owners of parameters without rows
-SHAPES = ("spheres", "meshes", "camera")  # owners of parameters by which the camera sees shapes elsewhere
+SHAPES = ("spheres", "meshes", "groups", "camera")  # owners of parameters by which the camera sees shapes elsewhere
 
 
 def measure(name: str) -> Measure:

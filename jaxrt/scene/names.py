@@ -17,7 +17,7 @@ from jaxrt.scene.measures import has_rows
 
 SELECTOR = re.compile(r"(?P<name>[^\[\]]+)(\[(?P<row>.+)\])?")
 DIGITS = 18  # of a row's number, at most
-SINGULAR = {"materials": "material", "lights": "light", "spheres": "sphere", "meshes": "mesh"}
+SINGULAR = {"materials": "material", "lights": "light", "spheres": "sphere", "meshes": "mesh", "groups": "group"}
 Row = int | slice
 
 
@@ -43,11 +43,12 @@ class Names:
 
 
 def names_of(scene: SceneDescription) -> Names:
-    """Return the names in a description: of materials, of spheres, lights and meshes that have one.
+    """Return the names in a description: of materials and groups, of spheres, lights and meshes that have one.
 
     A mesh without one goes by its file's name without suffix where no other does, or else by `mesh0`, `mesh1`, ….
     """
     fields: dict[str, list[str | None]] = {"spheres": [sphere.name for sphere in scene.spheres]}
+    fields["groups"] = list(scene.groups)
     for name, material in scene.materials.items():
         for field in MATERIALS.kind_of(material).parameters:
             fields.setdefault(f"materials.{field}", []).append(name)
@@ -57,12 +58,14 @@ def names_of(scene: SceneDescription) -> Names:
     rows: dict[str, Mapping[str, Row]] = {
         key: {name: i for i, name in enumerate(names) if name is not None} for key, names in fields.items()
     }
-    rows["meshes.vertices"] = dict(_meshes(scene))
+    vertices = dict(_meshes(scene))
+    rows["meshes.vertices"] = {name: span for name, (_, span) in vertices.items()}
+    rows["meshes"] = {name: i for name, (i, _) in vertices.items()}
     return Names(rows)
 
 
-def _meshes(scene: SceneDescription) -> Iterator[tuple[str, slice]]:
-    """Yield each mesh's name and vertices."""
+def _meshes(scene: SceneDescription) -> Iterator[tuple[str, tuple[int, slice]]]:
+    """Yield each mesh's name, number and vertices."""
     given = [mesh.name for mesh in scene.meshes]
     stems = [None if mesh.file is None else Path(mesh.file).stem for mesh in scene.meshes]
     count = Counter([*given, *(stem for name, stem in zip(given, stems, strict=True) if name is None)])
@@ -71,7 +74,7 @@ def _meshes(scene: SceneDescription) -> Iterator[tuple[str, slice]]:
         stem = stems[i]
         name = given[i] or (stem if stem and count[stem] == 1 else f"mesh{i}")
         if given[i] or name not in given:
-            yield name, slice(first, first + len(mesh.vertices))
+            yield name, (i, slice(first, first + len(mesh.vertices)))
         first += len(mesh.vertices)
 
 

@@ -1,6 +1,6 @@
 """The parameters of a scene: what derivatives can be taken of, by dotted name."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, overload
 
@@ -15,7 +15,8 @@ from jaxrt.scene.lights import light_parameters, with_light_parameters
 from jaxrt.scene.materials import material_parameters, with_material_parameters
 from jaxrt.scene.measures import measure
 from jaxrt.scene.names import Row, rows_called
-from jaxrt.scene.record import Scene, check_scene
+from jaxrt.scene.poses import POSES, place, pose_parameters, shapes_with, with_pose_parameters
+from jaxrt.scene.record import Scene, check_scene, with_poses
 
 
 def names(scene: Scene) -> dict[str, tuple[str, ...]]:
@@ -45,22 +46,28 @@ def parameters(scene: Scene, selector: str | None = None) -> dict[str, Array] | 
     lights.position (n, 3), lights.intensity (n, 3), lights.radius (n,), materials.albedo (m, 3) of diffuse and mirror
     materials, materials.ior (g,), and so on, one for each field of materials, spheres.center (s, 3), spheres.radius
     (s,), meshes.vertices (v, 3), camera.position (3,), camera.target (3,), camera.fov () in degrees,
-    environment.radiance (3,). Only what the scene has is there: no `lights.radius` where every light is a point.
+    environment.radiance (3,). Only what the scene has is there: no `lights.radius` where every light is a point. Other
+    cameras have other fields (docs/cameras.md). There only if the scene file has them, or if a name here or in
+    `with_parameters` asks for them, are `camera.roll` and `camera.rotate` (3,), in degrees, and poses: meshes.translate
+    (m, 3), meshes.rotate (m, 3) rotation vectors in degrees, meshes.scale (m,), and those of groups.
 
     selector: return the values that it names instead: `camera.fov`, `lights.position[0]` (3,), or by name (see
     `jaxrt.names`) `materials.albedo[ball]` (3,) and `meshes.vertices[mug]` (v, 3). Raises SceneError for what is not
     there.
     """
     check_scene(scene)
-    scene = local(scene)
+    scene = asked(local(scene), [selector or ""])
     p: dict[str, Array] = {}
     p |= light_parameters(scene)
     p |= material_parameters(scene)
-    if scene.spheres is not None:
-        p |= {"spheres.center": scene.spheres.center, "spheres.radius": scene.spheres.radius}
-    if scene.triangles is not None:
-        p["meshes.vertices"] = scene.triangles.vertices
-    p |= {f"camera.{field}": getattr(scene.camera, field) for field in scene.camera.kind.parameters}
+    spheres, triangles = place(scene.poses, scene.spheres, scene.triangles)
+    if spheres is not None:
+        p |= {"spheres.center": spheres.center, "spheres.radius": spheres.radius}
+    if triangles is not None:
+        p["meshes.vertices"] = triangles.vertices
+    p |= pose_parameters(scene.poses)
+    own = {f"camera.{field}": getattr(scene.camera, field) for field in scene.camera.kind.parameters}
+    p |= {name: value for name, value in own.items() if value is not None}
     if scene.environment is not None:
         p["environment.radiance"] = scene.environment
     values = {name: value + _shift(scene, name, value) for name, value in p.items()}
@@ -75,10 +82,10 @@ def with_parameters(scene: Scene, changes: Mapping[str, ArrayLike]) -> Scene:
 
     changes: by name, or by selector as for `parameters`: `{"materials.albedo[ball]": [0.8, 0.2, 0.2]}`. Values are not
     checked for range: they may be tracers. Raises SceneError for unknown names and rows, wrong shapes, and what is
-    changed twice.
+    changed twice. A pose that is new places what else is new as the old one: vertices are where the old pose has them.
     """
     check_scene(scene)
-    scene = local(scene)
+    scene = asked(local(scene), changes)
     old = parameters(scene)
     new: dict[str, Array] = {}
     seen: dict[str, list[range]] = {}
@@ -103,9 +110,29 @@ def _rows(row: Row | None, value: Array) -> range:
     return range(row.start, row.stop) if row else range(value.shape[0] if value.ndim else 1)
 
 
+def asked(scene: Scene, texts: Iterable[str]) -> Scene:
+    """Return the scene with those parameters that texts name and that are only there if asked for.
+
+    Such are the poses of meshes and groups; and, at 0, `camera.roll`, `camera.rotate`, and a distortion's coefficients.
+    """
+    named = {text.partition("[")[0].strip() for text in texts if isinstance(text, str)}
+    if any(name in POSES for name in named):
+        scene = with_poses(scene)
+    kind, camera = scene.camera.kind, scene.camera
+    fields = {name.removeprefix("camera.") for name in named}
+    absent = [field for field in sorted(kind.optional & fields) if getattr(camera, field) is None]
+    new = {field: jnp.zeros(kind.measures[field].shape, scene.dtype) for field in absent}
+    return replace(scene, camera=replace(camera, **new)) if new else scene
+
+
 def _shift(scene: Scene, name: str, value: Array) -> Array:
-    """Return the origin for each row of a parameter that is a place, else 0."""
-    if scene.origin is None or measure(name).range != "place":
+    """Return what each row of a parameter is counted from: the origin for places, mostly."""
+    if scene.origin is None:
+        return jnp.zeros_like(value)
+    if name == "groups.translate":
+        assert scene.poses is not None and scene.poses.groups is not None and scene.poses.groups.pivot is not None
+        return lax.stop_gradient(jnp.broadcast_to(scene.origin, value.shape) - scene.poses.groups.pivot)
+    if measure(name).range != "place":
         return jnp.zeros_like(value)
     return jnp.broadcast_to(lax.stop_gradient(scene.origin), value.shape)
 
@@ -117,11 +144,7 @@ def _fields(new: Mapping[str, Array], owner: str) -> dict[str, Any]:
 
 
 def _assign(scene: Scene, new: Mapping[str, Array]) -> Scene:
-    spheres, triangles = scene.spheres, scene.triangles
-    if spheres is not None:
-        spheres = replace(spheres, **_fields(new, "spheres"))
-    if triangles is not None:
-        triangles = replace(triangles, **_fields(new, "meshes"))
+    spheres, triangles = shapes_with(scene.poses, scene.spheres, scene.triangles, new)
     materials, idle = with_material_parameters(scene, _fields(new, "materials"))
     return replace(
         scene,
@@ -129,6 +152,7 @@ def _assign(scene: Scene, new: Mapping[str, Array]) -> Scene:
         lights=with_light_parameters(scene, _fields(new, "lights")),
         spheres=spheres,
         triangles=triangles,
+        poses=with_pose_parameters(scene.poses, new),
         materials=materials,
         idle=idle,
         environment=new.get("environment.radiance", scene.environment),

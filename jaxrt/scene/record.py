@@ -11,6 +11,7 @@ from jaxrt.description import RenderDefaults, SceneError, show
 from jaxrt.lights import Lights
 from jaxrt.materials import Materials
 from jaxrt.scene.names import Names
+from jaxrt.scene.poses import Poses, asking, place
 from jaxrt.shapes import Spheres, Triangles
 
 
@@ -27,6 +28,7 @@ class Scene:
     idle: dict[str, Array] | None  # (k, …) by field: parameters of materials that nothing is made of, of no effect
     order: dict[str, Array] | None  # (m,) int32: row among (materials, idle), or lights, of each in the file's order
     origin: Array | None  # (3,) user's coordinates of this scene's origin; None: the same
+    poses: Poses | None  # of meshes and groups, which they place where they were asked for
     defaults: RenderDefaults = static()  # what `render` uses for spp and max_depth when not told
     names: Names = static(default=Names())  # of rows; equal to any other
 
@@ -53,6 +55,18 @@ def check_scene(scene: object) -> None:
         raise NoSceneError(f"scene: {show(scene)} is no Scene: pass {remedy}")
 
 
+def placed(scene: Scene) -> Scene:
+    """Return the scene with its shapes where their poses place them, whether these are parameters or not."""
+    spheres, triangles = place(scene.poses, scene.spheres, scene.triangles)
+    return replace(scene, spheres=spheres, triangles=triangles, poses=None)
+
+
+def with_poses(scene: Scene) -> Scene:
+    """Return the scene with the poses of meshes and groups among its parameters: the same picture, to rounding."""
+    poses, (spheres, triangles) = asking(scene.poses, scene.spheres, scene.triangles)
+    return replace(scene, spheres=spheres, triangles=triangles, poses=poses)
+
+
 def drawn(scene: Scene) -> Scene:
     """Return what a picture depends on: scenes that differ in the rest share a program."""
-    return replace(scene, idle=None, order=None, origin=None, defaults=RenderDefaults(), names=Names())
+    return replace(placed(scene), idle=None, order=None, origin=None, defaults=RenderDefaults(), names=Names())

@@ -8,7 +8,7 @@ from jaxrt.description import SceneDescription, SceneError
 from jaxrt.description.kinds import LIGHTS, MATERIALS
 from jaxrt.scene.measures import has_rows
 from jaxrt.scene.names import rows_called
-from jaxrt.scene.parameters import parameters
+from jaxrt.scene.parameters import asked, parameters
 from jaxrt.scene.record import Scene
 
 
@@ -31,7 +31,7 @@ def parse_selector(text: str, scene: Scene) -> Selector:
 
     A row may go by its name; a single row may be left out. Raises SceneError for unknown names and rows.
     """
-    values = parameters(scene)
+    values = parameters(asked(scene, [text]))
     name, row = rows_called(scene.names, text, values)
     if isinstance(row, slice):
         raise SceneError(f"{text}: has {row.stop - row.start} rows: choose one, from {name}[{row.start}] on")
@@ -49,7 +49,7 @@ def select(scene: Scene, name: str, row: int | None = None) -> Selector:
 
 
 def place_in_file(description: SceneDescription, selector: Selector) -> str | int:
-    """Return which table of its sort in the scene file a row belongs to: a material's name, another thing's number.
+    """Return which table of its sort in the scene file a row belongs to: the name of a material or group, or a number.
 
     Kinds without the field have no rows.
     """
@@ -61,4 +61,6 @@ def place_in_file(description: SceneDescription, selector: Selector) -> str | in
     if owner == "lights":
         lights = enumerate(description.lights)
         return [i for i, table in lights if field in LIGHTS.kind_of(table).parameters][selector.row]
+    if owner == "groups":
+        return list(description.groups)[selector.row]
     return selector.row

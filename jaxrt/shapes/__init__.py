@@ -67,6 +67,11 @@ class Geometry:
     spheres: SphereTable | None
     triangles: TriangleTable | None
 
+    @property
+    def has_tree(self) -> bool:
+        """Whether a search spares the rays of which it is told that nothing depends on them."""
+        return self.triangles is not None and self.triangles.tree is not None
+
 
 def geometry_of(spheres: Spheres | None, triangles: Triangles | None) -> Geometry:
     """Return the tables that the three functions read."""
@@ -76,12 +81,17 @@ def geometry_of(spheres: Spheres | None, triangles: Triangles | None) -> Geometr
     )
 
 
-def find(geometry: Geometry, ray: Ray) -> Hit:
-    """Return what the ray hits first. No derivative passes through."""
+def find(geometry: Geometry, ray: Ray, wanted: Array | None = None) -> Hit:
+    """Return what the ray hits first. No derivative passes through.
+
+    wanted: () bool; where not, nothing is hit, and a tree is not searched. None: always.
+    """
     geometry, ray = lax.stop_gradient((geometry, ray))
     distance, index = jnp.full((), FAR, ray.origin.dtype), jnp.int32(-1)
     if geometry.spheres is not None:
         distance, index = find_sphere(geometry.spheres, ray, distance)
+    if wanted is not None:
+        distance, index = jnp.where(wanted, distance, 0), jnp.where(wanted, index, -1)
     if geometry.triangles is not None:
         _, row = find_triangle(geometry.triangles, ray, distance)
         index = jnp.where(row >= 0, row + _first_triangle(geometry), index)

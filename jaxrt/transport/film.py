@@ -16,7 +16,7 @@ from jaxrt.kernels.native import fold_packets, map_packets, on_devices
 from jaxrt.transport.path import Tables, radiance
 
 BLOCK = 4  # samples, numbered from 0, whose sum is rounded; all that is divided anywhere is divided between blocks
-SHARES = 64  # at most, of a picture that several threads draw; the program of a share serves any number of them
+SHARES = 64  # at most, of a picture that several threads draw; the program of a share serves any number up to that
 NATIVE_LANES = 1024  # packets of more lanes are not compiled as one native kernel
 
 _numbers = {name: jax.jit(sampler) for name, sampler in SAMPLERS.items()}  # traced once, though each event asks anew
@@ -34,6 +34,7 @@ class Plan(NamedTuple):
     unroll: bool
     tile: tuple[int, int]  # width, height of a packet in pixels
     devices: tuple[jax.Device, ...]
+    shares: int = SHARES
 
     @property
     def lanes(self) -> int:
@@ -90,7 +91,7 @@ def draw_packets(f: Callable[[Operands, Array], Array], operands: Operands, size
 def shares_of(size: tuple[int, int], plan: Plan) -> tuple[int, int]:
     """Return in how many shares a picture is drawn, and how many packets a share has: few turns for many hands."""
     count = _count(size, plan)
-    turns = -(-count // SHARES)
+    turns = -(-count // plan.shares)
     return -(-count // turns), turns
 
 

@@ -64,6 +64,7 @@ class Walk:
     radiance: Array  # (3,) gathered so far
     specular: Array  # () bool: the ray comes from the camera, a mirror or glass, so that it may see sphere lights
     pdf: Array | None = None  # () of its direction where light samples have a share, else 0; None without glossy
+    alive: Array | None = None  # () bool, whether it has not ended; None where that spares no search
 
 
 def tables_of(scene: Scene) -> Tables:
@@ -137,12 +138,13 @@ def walk_along(tables: Tables, ray: Ray, specular: bool) -> Walk:
     """Return a path that begins with a ray. specular: whether that may see sphere lights, as the camera's rays may."""
     ones = jnp.ones_like(ray.origin)
     pdf = jnp.zeros_like(ones[0]) if tables.materials.are_glossy else None
-    return Walk(ray, ones, jnp.zeros_like(ones), jnp.full((), specular), pdf)
+    alive = jnp.ones((), bool) if tables.geometry.has_tree else None
+    return Walk(ray, ones, jnp.zeros_like(ones), jnp.full((), specular), pdf, alive)
 
 
 def _event(tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array], attached: bool) -> Walk:
     """Return the path one scattering event on."""
-    hit = checkpoint_name(once(find)(tables.geometry, walk.ray), _KEPT)
+    hit = checkpoint_name(once(find)(tables.geometry, walk.ray, walk.alive), _KEPT)
     return event_at(tables, walk, hit, once(surface_point)(tables.geometry, walk.ray, hit), u, attached)
 
 
@@ -164,7 +166,9 @@ def event_at(
     throughput = jnp.where(hit.valid, walk.throughput * scattering.weight, 0)
     # Derivatives want light samples alone: where a scattered ray hits a light, its edges would move
     pdf = jnp.zeros_like(walk.throughput[0]) if scattering.pdf is not None and attached else scattering.pdf
-    return Walk(once(leave)(point, scattering.direction), throughput, gathered, scattering.specular, pdf)
+    # A sphere light, whose material comes last, ends it as well as nothing does
+    alive = None if walk.alive is None else hit.valid & (point.material < tables.materials.ends[2])
+    return Walk(once(leave)(point, scattering.direction), throughput, gathered, scattering.specular, pdf, alive)
 
 
 def _direct(
@@ -251,4 +255,4 @@ def last_look(tables: Tables, walk: Walk, hit: Hit | None = None) -> Array:
     sees = tables.materials.are_delta or tables.materials.are_glossy
     if tables.environment is None and not (can_shine and sees):
         return walk.radiance
-    return _see(tables, walk, once(find)(tables.geometry, walk.ray) if hit is None else hit).radiance
+    return _see(tables, walk, once(find)(tables.geometry, walk.ray, walk.alive) if hit is None else hit).radiance

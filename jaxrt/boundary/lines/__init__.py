@@ -38,8 +38,8 @@ from jaxrt.boundary.lines.chains import (
     sent_by,
 )
 from jaxrt.boundary.shadows import Plan
-from jaxrt.boundary.trail import central_ray
-from jaxrt.cameras import View
+from jaxrt.boundary.trail import central_ray, through_lens
+from jaxrt.cameras import View, edges_known
 from jaxrt.core.maths import FAR, safe_divide, unit_roundoff
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Ray
@@ -112,7 +112,7 @@ def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]
     delta = scene.materials.are_delta
     shapes = sum(0 if x is None else x.material.shape[0] for x in (scene.spheres, scene.triangles))
     lights = 0 if scene.lights is None or scene.lights.radius is None else scene.lights.radius.shape[0]
-    if not scene.camera.is_central or shapes + lights < 2 or not (plan.geometry_moves or (delta and scene.lights)):
+    if not edges_known(scene.camera) or shapes + lights < 2 or not (plan.geometry_moves or (delta and scene.lights)):
         return ()
     tables = tables_of(scene)
     faces = scene.triangles.faces if scene.triangles is not None and plan.geometry_moves else None
@@ -171,6 +171,7 @@ def _seems_to_end(plan: Plan, tables: Tables, seed: Array, pixel: Array) -> Arra
     """Return 1 where something seems to end within a pixel's width to the right or down, else 0."""
     camera, dtype = tables.camera, tables.dtype
     stream = Stream(jnp.uint32(0), pixel.astype(jnp.uint32), seed, jnp.uint32(camera.width * camera.height))
+    tables = through_lens(tables, stream)
     shift = independent(Stream(jnp.uint32(0), jnp.uint32(0), seed, jnp.uint32(1)), 0)
     corner = jnp.stack([pixel % camera.width, pixel // camera.width]).astype(dtype) + jnp.stack(shift[:2]).astype(dtype)
     lamp = once(lamp_middle)(tables, _numbers(stream, dtype)(0)) if _has_shadows(tables) else None
@@ -228,7 +229,7 @@ def _interest(tables: Tables, line: Line, looks: tuple[Look, Look]) -> Array:
 
 def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, Array]:
     """Return one sample, and what it brings."""
-    tables = operands.tables
+    tables = through_lens(operands.tables, draw.stream)
     camera = tables.camera
     placed = once(place)(draw)
     line, numbers = _line_through(camera, placed), _numbers(draw.stream, placed.t.dtype)
@@ -259,7 +260,7 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, 
     turns = search.ends[0].chain.turns
     if not tables.materials.are_delta:
         turns = jax.tree.map(lambda x: x[:0], turns)
-    path = Path(turns, edge.event, change, image, line.along)
+    path = Path(turns, edge.event, change, image, line.along, camera.lens)
     samples = EdgeSamples(pixel[None], weight[None], lights, None, tuple(anchors), path=path)
     return samples, jnp.sum(jnp.abs(weight))
 

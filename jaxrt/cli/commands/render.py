@@ -6,14 +6,16 @@ import sys
 import time
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
 from jaxrt.chunks import accumulate
-from jaxrt.cli import start
+from jaxrt.cli import start, together
 from jaxrt.cli.errors import UsageError
 from jaxrt.cli.job import begin, facts_of, samples_of, sums_beside
 from jaxrt.cli.places import check_file
@@ -24,6 +26,7 @@ from jaxrt.cli.start import built, check_output, described, warn
 from jaxrt.core.samplers import SAMPLERS
 from jaxrt.description import nearest, show
 from jaxrt.hands import painter
+from jaxrt.hosts.team import Team
 from jaxrt.io.partial import SUFFIX, Partial
 from jaxrt.render import prepare
 from jaxrt.scene import Scene
@@ -41,6 +44,7 @@ class Work:
     cores: int
     end: int
     sums: Partial
+    team: Team | None
     compile_seconds: float = 0.0
     render_seconds: float = 0.0
 
@@ -56,19 +60,30 @@ class Work:
 
 def run(args: argparse.Namespace) -> int:
     """Draw, write the picture or sums, and return the exit status."""
+    if isinstance(args.hosts, list):
+        return together.start(args.hosts, args.words)
     output = _output(args)
     description = described(args)
     began = time.perf_counter()
     cores = start.present(args.cores)
     folder = start.start_jax(1)
     spp = description.render.spp
-    _check_sampler(args.sampler, spp)
     first, end = samples_of(args.samples, spp)
+    team = together.joined(args.hosts) if args.hosts else None
+    leads = team is None or team.rank == 0
+    _check_sampler(args.sampler, spp, leads)
     # No sample, which compiles all the same
-    nothing = prepare(built(description), args.seed, 0, 0, spp, sampler=args.sampler)
+    scene, own = built(description, warn if leads else lambda message: None), jax.local_devices() if team else None
+    nothing = prepare(scene, args.seed, 0, 0, spp, sampler=args.sampler, devices=own)
     facts = facts_of(nothing[0], nothing[2], args.seed, spp)
-    work = Work(args, output, cores, end, begin(output, args.resume, facts, first, end))
+    if team:
+        together.check_alike(team, facts)
+        if team.rank:
+            return together.follow(team, painter(folder, *nothing, cores, team), nothing[1])
+    work = Work(args, output, cores, end, begin(output, args.resume, facts, first, end), team)
     before = work.drawn
+    if team:
+        team.lost = partial(_keep_from_loss, work, before)
     with ExitStack() as signals:
         try:
             _draw(work, *nothing, folder, signals)
@@ -100,10 +115,10 @@ def _output(args: argparse.Namespace) -> Path:
     return output
 
 
-def _check_sampler(name: str, spp: int) -> None:
+def _check_sampler(name: str, spp: int, leads: bool) -> None:
     if name not in SAMPLERS:
         raise UsageError(f"argument --sampler: unknown sampler {show(name)}{nearest(name, SAMPLERS)}")
-    if name == "sobol" and spp & (spp - 1):
+    if name == "sobol" and spp & (spp - 1) and leads:
         below = 1 << (spp.bit_length() - 1)
         warn(f"spp {spp} is not a power of two: sobol is at its best with {below} or {2 * below}")
 
@@ -117,7 +132,10 @@ def _draw(work: Work, scene: Scene, run: Run, plan: Plan, folder: Path | None, s
     with progress(work.end - work.sums.first) as report:
         began = time.perf_counter()
         with compiling():
-            draw_run = painter(folder, scene, run, plan, work.cores)
+            if work.team is None:
+                draw_run = painter(folder, scene, run, plan, work.cores)
+            else:
+                draw_run = together.leading(work.team, painter(folder, scene, run, plan, work.cores, work.team))
         compiled = kept = time.perf_counter()
         work.compile_seconds = compiled - began
         report(work.drawn)
@@ -136,6 +154,8 @@ def _draw(work: Work, scene: Scene, run: Run, plan: Plan, folder: Path | None, s
             return not stop.number
 
         accumulate(draw, work.sums, work.end, keep)
+        if work.team:
+            work.team.leave(0, 0)
         work.render_seconds = time.perf_counter() - compiled
     if not work.done:
         raise Interrupted(stop.number)
@@ -151,7 +171,16 @@ def _finish(work: Work) -> int:
     return status
 
 
-def _keep_all(work: Work) -> None:
+def _keep_from_loss(work: Work, before: int, ranks: list[int]) -> None:
+    """Write what there is when hosts are lost. The thread that draws is not asked: it may wait for them for ever."""
+    assert work.team is not None
+    if work.drawn > before:
+        _keep_all(work, together.loss(work.team, ranks))
+    else:
+        together.tell_loss(work.team, ranks)
+
+
+def _keep_all(work: Work, why: str = "interrupted") -> None:
     """Write the sums and the picture so far, and say how to go on."""
     try:
         placed = _keep_sums(work)
@@ -160,7 +189,7 @@ def _keep_all(work: Work) -> None:
             save_picture(work.output, work.sums.picture(), work.args.exposure, work.args.srgb)
     what = f"{work.drawn} of {work.end - work.sums.first} samples a pixel are in {work.output}"
     remedy = "go on with --resume" if placed else "move the sums beside it, then go on with --resume"
-    print(f"jaxrt: interrupted: {what}: {remedy}", file=sys.stderr)
+    print(f"jaxrt: {why}: {what}: {remedy}", file=sys.stderr)
 
 
 def _keep_sums(work: Work) -> bool:

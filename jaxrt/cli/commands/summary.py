@@ -113,13 +113,18 @@ def _camera(scene: SceneDescription) -> str:
     if camera.type != CAMERAS.default:
         return f"{camera.type}: {_values(camera, CAMERAS)}, {camera.width}x{camera.height}"
     view = f"{_numbers(camera.position)} to {_numbers(camera.target)}, up {_numbers(camera.up)}"
-    return f"{view}, fov {camera.fov:g}°, {camera.width}x{camera.height}"
+    turned = "".join(f", {name} {_value(x)}" for name in ("roll", "rotate") if (x := getattr(camera, name)) is not None)
+    return f"{view}{turned}, fov {camera.fov:g}°, {camera.width}x{camera.height}"
 
 
 def _values(table: Any, family: Family) -> str:
     """Return the fields of a kind's table in words."""
-    values = {field: np.asarray(getattr(table, field), float) for field in family.kind_of(table).measures}
-    return ", ".join(f"{field} {_numbers(value) if value.ndim else f'{value:g}'}" for field, value in values.items())
+    values = {field: getattr(table, field) for field in family.kind_of(table).measures}
+    return ", ".join(f"{field} {_value(value)}" for field, value in values.items() if value is not None)
+
+
+def _value(value: Any) -> str:
+    return _numbers(value) if np.ndim(value) else f"{value:g}"
 
 
 def _materials(scene: SceneDescription) -> Iterable[tuple[str, str, str, str]]:

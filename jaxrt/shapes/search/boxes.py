@@ -19,12 +19,18 @@ class Tree:
     """A tree with its boxes, flat, as the walk reads it."""
 
     words: Array  # (n·NODE + m·LEAF,) the nodes, then the leaves; floats by their bits, so that a cache line has both
-    reach: Array  # () largest side of the root box
+    low: Array  # (3,) of the box around all
+    high: Array  # (3,)
     pad: Array  # () what a face's box is padded by at most
     side: Array  # () that of a leaf, as a share of the tree's: 1/√n of n leaves
     nodes: int = static()
     depth: int = static()
     wide: bool = static(default=False)  # of `Triangles`
+
+    @property
+    def reach(self) -> Array:
+        """Return the largest side () of the box around all."""
+        return jnp.max(self.high - self.low)
 
 
 def tree_of(topology: Topology, corners: Array, wide: bool = False) -> Tree:
@@ -46,7 +52,8 @@ def tree_of(topology: Topology, corners: Array, wide: bool = False) -> Tree:
     nodes = _words(boxes.swapaxes(1, 2), children)
     return Tree(
         words=jnp.concatenate([nodes, _words(own.transpose(0, 3, 2, 1), slots)]),
-        reach=jnp.max(high.max(0) - low.min(0)),
+        low=low.min(0),
+        high=high.max(0),
         pad=pad.max(),
         side=lax.rsqrt(last[0].max().astype(corners.dtype)),
         nodes=topology.children.shape[0],

@@ -22,9 +22,11 @@ from jaxrt.shapes.search.order import floats, largest, least, most, smallest
 from jaxrt.shapes.search.walk import (
     TINY,
     closest,
+    each,
     face_of,
     leaf_at,
     leaf_distances,
+    mask,
     nonzero,
     part,
     places_of,
@@ -72,7 +74,7 @@ def _rays_in(tree: Tree, origin: Numbers, inverse: Numbers, places: list[Array])
     def test(box: Array, farthest: Array) -> Array:
         low, high = ([floats(part(tree.words, box + side + (k // 3 & 24), 1)) for k in places] for side in (0, 24))
         enter, leave = slabs(low, high, origin, inverse)
-        return _mask(enter <= least(leave, farthest) * (1 + 8 * unit_roundoff(farthest)))
+        return mask(enter <= least(leave, farthest) * (1 + 8 * unit_roundoff(farthest)))
 
     return test
 
@@ -83,7 +85,7 @@ def _faces_in(tree: Tree, hull: Callable[..., tuple[Array, Array]], places: list
     for k in places:
         a, b, c = (floats(part(tree.words, at + (k & 56) + 8 * corner)) for corner in range(3))
         sides += [least(least(a, b), c), most(most(a, b), c)]
-    return _mask(hull(*sides)[1] & (part(tree.words, at + 72) >= 0))
+    return mask(hull(*sides)[1] & (part(tree.words, at + 72) >= 0))
 
 
 def _by_ray(any_hit: bool, tree: Tree, rays: Numbers, places: list[Array]) -> Callable[..., tuple[Array, Array]]:
@@ -97,7 +99,7 @@ def _by_ray(any_hit: bool, tree: Tree, rays: Numbers, places: list[Array]) -> Ca
         mine = closest(any_hit, tree, leaf, t, *(part(x, lane, 1)[0] for x in (farthest, face)))
         return put(farthest, mine[0][None], lane), put(face, mine[1][None], lane)
 
-    return partial(_each, one)
+    return lambda leaf, bits, farthest, face: each(partial(one, leaf), bits, farthest, face)
 
 
 def _by_face(any_hit: bool, tree: Tree, rays: Numbers, places: list[Array]) -> Callable[..., tuple[Array, Array]]:
@@ -117,24 +119,7 @@ def _by_face(any_hit: bool, tree: Tree, rays: Numbers, places: list[Array]) -> C
         closer = (t < farthest) | ((t == farthest) & (f < face))
         return jnp.where(closer, t, farthest), jnp.where(closer, f, face)
 
-    return partial(_each, one)
-
-
-def _each(
-    one: Callable[..., tuple[Array, Array]], leaf: Array, mask: Array, farthest: Array, face: Array
-) -> tuple[Array, Array]:
-    """Return (farthest, face) after one(leaf, bit, farthest, face) for each bit of the mask."""
-
-    def body(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        mask, *found = state
-        return mask & (mask - 1), *one(leaf, 31 - lax.clz(mask & -mask), *found)
-
-    return lax.while_loop(lambda state: state[0] != 0, body, (mask, farthest, face))[1:]
-
-
-def _mask(bits: Array) -> Array:
-    """Return booleans (n,) as the bits of one integer."""
-    return jnp.sum(jnp.where(bits, 1 << lax.iota(jnp.int32, bits.shape[0]), 0), dtype=jnp.int32)
+    return lambda leaf, bits, farthest, face: each(partial(one, leaf), bits, farthest, face)
 
 
 def _hull(

@@ -11,13 +11,13 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.custom_batching import custom_vmap
 
-from jaxrt.core.maths import FAR
+from jaxrt.core.maths import FAR, unit_roundoff
 from jaxrt.kernels.native import once
 from jaxrt.shapes.edges import main_axis
 from jaxrt.shapes.search.boxes import Tree
 from jaxrt.shapes.search.order import least, most, smallest
 from jaxrt.shapes.search.packet import walk_together
-from jaxrt.shapes.search.walk import RAY, part, ray_rows, walk_alone
+from jaxrt.shapes.search.walk import RAY, each, mask, nonzero, part, put, ray_rows, slabs, walk_alone
 
 PACKET = 32  # lanes of a packet
 LOCKSTEP = 1024  # more lanes than that walk each on its own, all at the same time, as accelerators want it
@@ -48,19 +48,29 @@ def _together(any_hit: bool, tree: Tree, o: Array, d: Array, farthest: Array) ->
     size = min(PACKET, lanes)
     filling = -lanes % size
     o, d = (jnp.concatenate([x, jnp.broadcast_to(x[:1], (filling, 3))]).T for x in (o, d))
-    farthest = jnp.concatenate([farthest, jnp.full(filling, -1, farthest.dtype)])
-    # A ray that goes nowhere costs nothing
-    farthest = jnp.where(farthest > 0, farthest, -1)
+    reach = jnp.concatenate([farthest, jnp.full(filling, -1, farthest.dtype)])
+    reach = once(_reach_of_those_that_may_hit)(tree, o, d, reach)
 
     def one_packet(k: Array, results: tuple[Array, Array]) -> tuple[Array, Array]:
-        rows = [lax.dynamic_slice_in_dim(x, k * size, size, -1) for x in (o, d, farthest)]
-        found = _packet_or_singles(any_hit, tree, *rows)
+        rows = [lax.dynamic_slice_in_dim(x, k * size, size, -1) for x in (o, d, reach)]
+        nothing = rows[2], jnp.full(size, -1, jnp.int32)
+        search = partial(_packet_or_singles, any_hit, tree, *rows)
+        found = lax.cond(jnp.any(rows[2] > 0), search, lambda: nothing)
         t, face = (lax.dynamic_update_slice(all_, x, (k * size,)) for all_, x in zip(results, found, strict=True))
         return t, face
 
-    nothing = farthest, jnp.full(lanes + filling, -1, jnp.int32)
+    nothing = reach, jnp.full(lanes + filling, -1, jnp.int32)
     distance, face = lax.fori_loop(0, (lanes + filling) // size, one_packet, nothing)
-    return distance[:lanes], face[:lanes]
+    distance, face = distance[:lanes], face[:lanes]
+    return jnp.where(face < 0, farthest, distance), face
+
+
+def _reach_of_those_that_may_hit(tree: Tree, o: Array, d: Array, farthest: Array) -> Array:
+    """Return `farthest` of the rays (3, lanes) that meet the box around all, −1 of others and those that go nowhere."""
+    inverse = 1 / nonzero(d)
+    enter, leave = slabs(*(list(x) for x in (tree.low, tree.high, o, inverse)))
+    margin = 1 + 8 * unit_roundoff(d)
+    return jnp.where((farthest > 0) & (enter <= least(leave, farthest) * margin), farthest, -1)
 
 
 def _packet_or_singles(any_hit: bool, tree: Tree, o: Array, d: Array, farthest: Array) -> tuple[Array, Array]:
@@ -105,19 +115,12 @@ def _singles(any_hit: bool, tree: Tree, o: Array, d: Array, distance: Array, fac
     """Return (distance, face) after the lanes marked ALONE have walked, one by one."""
     rays, places = (x.ravel() for x in once(ray_rows)(o, d))
 
-    def single(i: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
-        reach, mark = (part(x, i, 1)[0] for x in found)
-        mine = mark == ALONE
-        row, at = once(lambda a, b, i: (part(a, i * RAY, RAY), part(b, i * 3, 3)))(rays, places, i)
-        t, f = walk_alone(any_hit, tree, row, at, jnp.where(mine, reach, -1))
-        new = jnp.where(mine, t, reach), jnp.where(mine, f, mark)
-        distance, face = (
-            lax.dynamic_update_slice(x, y[None], (i,), allow_negative_indices=False)
-            for x, y in zip(found, new, strict=True)
-        )
-        return distance, face
+    def single(lane: Array, distance: Array, face: Array) -> tuple[Array, Array]:
+        row, at = once(lambda a, b, i: (part(a, i * RAY, RAY), part(b, i * 3, 3)))(rays, places, lane)
+        t, f = walk_alone(any_hit, tree, row, at, part(distance, lane, 1)[0])
+        return put(distance, t[None], lane), put(face, f[None], lane)
 
-    return lax.fori_loop(0, distance.shape[0], single, (distance, face))
+    return each(single, mask(face == ALONE), distance, face)
 
 
 def _spread(v: Array, alive: Array) -> Array:
