@@ -19,7 +19,19 @@ import numpy as np
 
 from benchmarks.alternatives import moller_trumbore
 from benchmarks.jaxrt_side import use_cores
-from benchmarks.mesh_rays import CLOSE, KINDS, LIGHT, bumpy_sphere, camera_rays, incoherent_rays, room, unit
+from benchmarks.mesh_rays import (
+    CLOSE,
+    KINDS,
+    LIGHT,
+    OPEN,
+    bumpy_sphere,
+    camera_rays,
+    in_the_open,
+    incoherent_rays,
+    room,
+    unit,
+)
+from benchmarks.scans import scan, torus_knot
 
 LANES = 128  # of a packet of `render`
 
@@ -82,6 +94,9 @@ def write_rays(options: argparse.Namespace) -> dict[str, Any]:
     parts: dict[str, Any] = {
         f"tree_{name}": np.asarray(getattr(tree, name)) for name in ("children", "first", "last", "faces")
     }
+    # The meshes of the open scenes go along: Mitsuba's half has nothing of the project's
+    for name, (v, f) in zip(OPEN, (scan(), torus_knot()), strict=True):
+        parts |= {f"{name}_vertices": v, f"{name}_faces": f}
     np.savez(options.file, vertices=vertices, faces=faces, tree_depth=tree.depth, **parts, **rays)
     visits = {kind: count_visits(table.triangles.tree, rays, *what) for kind, what in KINDS.items()}
     return {"rays": len(o), "build": build, "visits": visits}
@@ -138,10 +153,10 @@ def run_time(options: argparse.Namespace) -> dict[str, Any]:
     """Return the median Mrays per CPU second of `repeat` calls, and the share that hits, of each kind and search."""
     import jax
 
-    from jaxrt.shapes.search import packet, walk
+    from jaxrt.shapes.search import walk
 
     if options.test == "moller-trumbore":
-        packet.hit_distance = walk.hit_distance = moller_trumbore.hit_distance
+        walk.hit_distance = moller_trumbore.hit_distance
     file = np.load(options.file)
     table, report = geometry(file["vertices"], file["faces"], tree_in(file)), {}
     searches = {any_hit: searcher(any_hit) for any_hit in (False, True)}
@@ -152,7 +167,11 @@ def run_time(options: argparse.Namespace) -> dict[str, Any]:
         hits = np.asarray(found if any_hit else found.valid).mean()
         report[name] = [len(rays[0]) / 1e6 / seconds, float(hits)]
     if options.picture:
-        report["picture"] = time_picture(file["vertices"], file["faces"], 2)
+        report["picture"] = time_picture(room(file["vertices"], file["faces"]), 2)
+        for name in OPEN:
+            report[f"{name} in the open"] = time_picture(
+                in_the_open(file[f"{name}_vertices"], file[f"{name}_faces"]), 2
+            )
     return report
 
 
@@ -168,11 +187,11 @@ def clock(f: Callable[..., Any], arguments: tuple[Any, ...], repeat: int) -> tup
     return result, float(np.median(seconds[1:]))
 
 
-def time_picture(vertices: np.ndarray, faces: np.ndarray, repeat: int) -> list[float]:
-    """Return [million camera paths per CPU second, mean radiance] of the mesh in a room."""
+def time_picture(description: dict[str, Any], repeat: int) -> list[float]:
+    """Return [million camera paths per CPU second, mean radiance] of a scene."""
     import jaxrt
 
-    scene = jaxrt.build(room(vertices, faces))
+    scene = jaxrt.build(description)
     picture, seconds = clock(jaxrt.render, (scene, 0), repeat)
     return [scene.camera.width * scene.camera.height * scene.defaults.spp / 1e6 / seconds, float(picture.mean())]
 

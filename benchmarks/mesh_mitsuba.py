@@ -10,7 +10,7 @@ import time
 
 import mitsuba_side
 import numpy as np
-from mesh_rays import KINDS, room
+from mesh_rays import KINDS, OPEN, in_the_open, room
 
 
 def mesh_of(mi, vertices, faces, bsdf):
@@ -26,9 +26,8 @@ def mesh_of(mi, vertices, faces, bsdf):
     return mesh
 
 
-def picture_of(mi, vertices, faces):
-    """Return the scene of the mesh in a room; jaxrt's depth D is Mitsuba's D + 1."""
-    text = room(vertices, faces)
+def picture_of(mi, text):
+    """Return the scene of a description with one mesh; jaxrt's depth D is Mitsuba's D + 1."""
     camera, depth = text["camera"], text["render"]["max_depth"]
     scene = {
         "type": "scene",
@@ -45,9 +44,9 @@ def picture_of(mi, vertices, faces):
     return mi.load_dict(scene), camera["width"] * camera["height"] * text["render"]["spp"]
 
 
-def time_picture(mi, dr, file, repeat):
-    """Return [million camera paths per CPU second, mean radiance] of the mesh in a room."""
-    scene, paths = picture_of(mi, file["vertices"], file["faces"])
+def time_picture(mi, dr, text, repeat):
+    """Return [million camera paths per CPU second, mean radiance] of a description."""
+    scene, paths = picture_of(mi, text)
     seconds = []
     for seed in range(repeat + 1):
         start = time.process_time()
@@ -91,7 +90,10 @@ def main():
             best = max(best, [dr.width(ray) / 1e6 / float(np.median(seconds[1:])), float(hits)])
         report[name] = best
     if options.picture:
-        report["picture"] = time_picture(mi, dr, file, 2)
+        report["picture"] = time_picture(mi, dr, room(file["vertices"], file["faces"]), 2)
+        for name in OPEN:
+            text = in_the_open(file[f"{name}_vertices"], file[f"{name}_faces"])
+            report[f"{name} in the open"] = time_picture(mi, dr, text, 2)
     print(json.dumps(report))
 
 

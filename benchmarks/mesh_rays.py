@@ -16,6 +16,7 @@ KINDS = {
     "incoherent": ("incoherent", False),
     "incoherent any": ("incoherent", True),
 }
+OPEN = ("scan", "knot")  # meshes of the open scene, see `scans`
 CLOSE = 18.0  # view of the close camera, over the root of the number of faces: half the other's at 1,280 faces
 
 
@@ -48,6 +49,14 @@ def room(vertices: np.ndarray, faces: np.ndarray) -> dict:
     description["render"] |= {"spp": 16, "max_depth": 4}
     mesh = {"vertices": 10 * vertices, "faces": faces, "material": "white"}
     return description | {"meshes": [mesh]}
+
+
+def in_the_open(vertices: np.ndarray, faces: np.ndarray, size: float = 22) -> dict:
+    """Return the description of the open scene with a mesh in its middle, `size` units wide."""
+    text = (Path(__file__).parent / "scenes" / "open.toml").read_text(encoding="utf-8")
+    low, high = vertices.min(0), vertices.max(0)
+    placed = (vertices - (low + high) / 2) * (size / (high - low).max())
+    return tomllib.loads(text) | {"meshes": [{"vertices": placed, "faces": faces, "material": "white"}]}
 
 
 def camera_rays(count: int, view: float = 1.0) -> tuple[np.ndarray, np.ndarray]:

@@ -34,7 +34,7 @@ def test_nodes_have_the_least_area_there_is(seed):
     # Clusters of several sizes, so that the binary tree is not balanced
     middles = rng.normal(size=(100, 1, 3)) * rng.choice([0.1, 1, 5], (100, 1, 1))
     vertices, faces = (middles + 0.1 * rng.normal(size=(100, 3, 3))).reshape(-1, 3), np.arange(300).reshape(-1, 3)
-    tree = bvh._grow(bvh._faces_of(vertices, faces))
+    tree = bvh._grow(*bvh._boxes_of(vertices, faces))
     assert 10 <= np.sum(tree.left >= 0) <= 18
     # Each node costs a millionth besides its area, and there are at most 18
     assert bvh.survey(vertices, faces).node_visits == pytest.approx(least_visits(tree), abs=2e-5)

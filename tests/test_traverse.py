@@ -9,9 +9,10 @@ import pytest
 
 import jaxrt
 from jaxrt.core.maths import FAR
-from jaxrt.core.records import Ray
+from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.shapes import Spheres, Triangles, find, geometry_of, occluded, topology_of
 from jaxrt.shapes.triangle import find_triangle, occluded_by_triangle, triangle_table
+from jaxrt.transport.path import event_at, tables_of, walk_along
 from tests import meshes
 from tests.oracle import unit_vectors
 from tests.searches import rays_at
@@ -147,6 +148,48 @@ def test_wide_packets_draw_the_same_picture():
     scene = floor_scene()
     scene = replace(scene, camera=replace(scene.camera, width=64, height=32))
     assert np.allclose(picture(scene, tile=(64, 32)), picture(scene), rtol=1e-5, atol=0)
+
+
+def test_rays_that_cannot_hit_find_nothing_and_keep_their_reach(ball):
+    triangles, o, d, _ = ball
+    lanes = np.arange(len(o))
+    # Past the box or away from it, no way to go, or all of it; a few of each in every packet
+    away = jnp.asarray(np.where(lanes % 3 == 0, 50, 0)[:, None] * np.ones(3), jnp.float32)
+    farthest = jnp.where(lanes % 5 == 0, 0, jnp.float32(7))
+
+    @jax.jit
+    def search(mesh):
+        table = triangle_table(mesh)
+
+        def one(o, d, farthest):
+            ray = Ray(o, d)
+            return *find_triangle(table, ray, farthest), occluded_by_triangle(table, ray, farthest)
+
+        return jax.vmap(one)(o + away, d, farthest)
+
+    (t, face, blocked), (true_t, true_face, true_blocked) = search(triangles), search(replace(triangles, bvh=None))
+    assert np.array_equal(face, true_face) and np.array_equal(blocked, true_blocked) and 0.1 < np.mean(face >= 0) < 0.6
+    assert np.array_equal(t[face < 0], farthest[face < 0]) and np.allclose(t, true_t, rtol=1e-5)
+
+
+def test_paths_end_on_nothing_and_on_lamps_but_go_on_from_black():
+    """Where an albedo is 0 there is a derivative in it: of what would come that way."""
+    scene = floor_scene()
+    tables = replace(tables_of(jaxrt.with_parameters(scene, {"materials.albedo": jnp.zeros((1, 3))})), lights=None)
+    ray = Ray(jnp.asarray([0.0, 2, 0]), jnp.asarray([0.0, -1, 0]))
+    u, end = [jnp.float32(0.3)] * 4, tables.materials.ends[2]
+
+    def goes_on(walk, valid, material):
+        point = SurfacePoint(jnp.zeros(3), jnp.asarray([0.0, 1, 0]), jnp.float32(1e-6), jnp.int32(material))
+        return event_at(tables, walk, Hit(jnp.int32(0), jnp.asarray(valid)), point, u)
+
+    walk = walk_along(tables, ray, True)
+    black = goes_on(walk, True, 0)
+    assert bool(walk.alive) and bool(black.alive) and not black.throughput.any()
+    assert not goes_on(walk, True, end).alive and not goes_on(walk, False, 0).alive
+    assert (
+        find(tables.geometry, ray, jnp.asarray(True)).valid and not find(tables.geometry, ray, jnp.asarray(False)).valid
+    )
 
 
 def test_derivatives_in_the_vertices_pass_the_tree():

@@ -29,7 +29,7 @@ def visits(
     """
     counted = partial(_counted, before, most)
     with patch.object(walk, "walk", counted):
-        return walk.walk_alone(any_hit, tree, *walk.ray_rows(o, d), farthest)
+        return walk.walk_alone(any_hit, tree, *walk.ray_rows(tree.balls, o, d), farthest)
 
 
 def _counted(

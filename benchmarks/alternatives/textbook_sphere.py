@@ -5,7 +5,7 @@ from jax import Array
 
 from jaxrt.core.maths import FAR, dot, safe_sqrt
 from jaxrt.core.records import Ray
-from jaxrt.shapes.sphere import Row
+from jaxrt.shapes.roots import Row
 
 
 def _half_roots(row: Row, ray: Ray) -> tuple[Array, Array]:

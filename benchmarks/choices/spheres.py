@@ -21,7 +21,7 @@ NAME, OURS, OTHER = "spheres", "two forms of each term", "textbook quadratic"
 SWAPS: dict[str, list[Swap]] = {
     OURS: [],
     OTHER: [
-        (sphere, "_distance", textbook_sphere.distance),
+        (sphere, "root_distance", textbook_sphere.distance),
         (sphere, "_distance_to_surface", textbook_sphere.distance_to_surface),
         (sphere, "onto_sphere", textbook_sphere.stay),
     ],

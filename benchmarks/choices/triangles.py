@@ -14,13 +14,13 @@ from benchmarks.interleave import Swap, compiled, picture
 from benchmarks.mesh_jaxrt import geometry, searcher
 from benchmarks.mesh_rays import bumpy_sphere, camera_rays, incoherent_rays, room, unit
 from jaxrt.shapes import topology_of, triangle
-from jaxrt.shapes.search import packet, walk
+from jaxrt.shapes.search import walk
 
 NAME, OURS, OTHER = "triangles", "watertight", "Möller–Trumbore"
 RAYS = 1 << 17
 SWAPS: dict[str, list[Swap]] = {
     OURS: [],
-    OTHER: [(module, "hit_distance", moller_trumbore.hit_distance_undivided) for module in (packet, walk, triangle)],
+    OTHER: [(module, "hit_distance", moller_trumbore.hit_distance_undivided) for module in (walk, triangle)],
 }
 CAMERA, RANDOM, LOOP = "camera rays, tree", "random rays, tree", "random rays, loop"
 PICTURE = "picture, mesh in a room"

@@ -135,7 +135,7 @@ def _sphere(table: SphereTable, row: Array, center: Array, radius: Array) -> Sph
     """Return one row of a table, with the derivatives in centre and radius that `sphere_table` gives it."""
     squared = dot(center, center)
     huge = radius * radius > squared / 4
-    one = jax.tree.map(lambda x: x[row], table)
+    one = jax.tree.map(lambda x: x[row], replace(table, outside=None, tree=None))
     base, shift = grad_only(jnp.where(huge, 0, center)), grad_only(jnp.where(huge, center, 0))
     constant = grad_only(jnp.where(huge, squared, 0) - radius * radius)
     moving = SphereTable(center, radius, one.base + base, one.shift + shift, one.constant + constant, one.material)

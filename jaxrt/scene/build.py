@@ -24,7 +24,7 @@ from jaxrt.scene.materials import list_materials
 from jaxrt.scene.names import names_of
 from jaxrt.scene.poses import poses_of
 from jaxrt.scene.record import NoSceneError, Scene, with_poses
-from jaxrt.shapes import Spheres, Triangles, lost_digits, mesh_edges, topology_of
+from jaxrt.shapes import Spheres, Triangles, lost_digits, mesh_edges, sphere_topology, topology_of
 
 WIDE = 1e3  # from that ratio on, rays lose a triangle over 1/3000 of the smallest thing's size
 
@@ -75,7 +75,8 @@ def _spheres(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, 
     radius = np.asarray([s.radius for s in scene.spheres], float)
     lost = lost_digits(center, radius, dtype)
     material = jnp.asarray([rows[s.material] for s in scene.spheres], jnp.int32)
-    return Spheres(jnp.asarray(center, dtype), jnp.asarray(radius, dtype), jnp.asarray(lost, dtype), material)
+    numbers = (jnp.asarray(x, dtype) for x in (center, radius, lost))
+    return Spheres(*numbers, material, *(sphere_topology(center, radius) or (None, None)))
 
 
 def _triangles(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, dtype: DTypeLike) -> Triangles | None:

@@ -28,6 +28,9 @@ from jaxrt.shapes.sphere import (
     sphere_distance,
     sphere_surface_point,
     sphere_table,
+    sphere_topology,
+    with_more,
+    without_more,
 )
 from jaxrt.shapes.triangle import (
     Triangles,
@@ -54,9 +57,12 @@ __all__ = [
     "lost_digits",
     "mesh_edges",
     "occluded",
+    "sphere_topology",
     "surface_point",
     "survey",
     "topology_of",
+    "with_more",
+    "without_more",
 ]
 
 
@@ -70,7 +76,7 @@ class Geometry:
     @property
     def has_tree(self) -> bool:
         """Whether a search spares the rays of which it is told that nothing depends on them."""
-        return self.triangles is not None and self.triangles.tree is not None
+        return any(shapes is not None and shapes.tree is not None for shapes in (self.spheres, self.triangles))
 
 
 def geometry_of(spheres: Spheres | None, triangles: Triangles | None) -> Geometry:
@@ -88,10 +94,10 @@ def find(geometry: Geometry, ray: Ray, wanted: Array | None = None) -> Hit:
     """
     geometry, ray = lax.stop_gradient((geometry, ray))
     distance, index = jnp.full((), FAR, ray.origin.dtype), jnp.int32(-1)
+    if wanted is not None:
+        distance = jnp.where(wanted, distance, 0)
     if geometry.spheres is not None:
         distance, index = find_sphere(geometry.spheres, ray, distance)
-    if wanted is not None:
-        distance, index = jnp.where(wanted, distance, 0), jnp.where(wanted, index, -1)
     if geometry.triangles is not None:
         _, row = find_triangle(geometry.triangles, ray, distance)
         index = jnp.where(row >= 0, row + _first_triangle(geometry), index)

@@ -1,31 +1,30 @@
 """Spheres: nearest hit, any hit and the surface point, right for walls of radius 1e6 and for small far balls.
 
-With f = o − c and b = f·d, the roots of t² + 2bt + (f·f − r²) = 0 lose their digits in two places, and each has two
-forms of which one is good.
-
-* The power f·f − r² of the origin cancels when a huge sphere passes close by. With k = c·c − r² rounded once
-  (`exact_power`), o·(o − 2c) + k is as exact as the coordinates themselves. Spheres with r > |c|/2 use it: for any
-  point p on such a sphere its rounding error exceeds that of the usual form by a small factor at most, and by 1/r near
-  the origin it is far below. Others use f·f − r².
-* The discriminant is b² − power near the sphere, and r² − |f − b d|² far from it (Haines et al., Ray Tracing Gems
-  2019, ch. 7), where b² would cancel.
-
-The smaller root comes from the larger one by t₁t₂ = power.
+Few are tested one by one. Of many, all but walls are found through a tree, as the faces of a mesh are.
 """
 
+from dataclasses import replace
+
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 from jax.typing import DTypeLike
 from numpy.typing import NDArray
 
-from jaxrt.core.maths import FAR, dot, grad_only, normalize, safe_divide, safe_sqrt, two_sum, unit_roundoff
+from jaxrt.core.maths import dot, grad_only, normalize, safe_divide, safe_sqrt, two_sum, unit_roundoff
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Ray, SurfacePoint
 from jaxrt.kernels.gather import take
 from jaxrt.kernels.native import once
+from jaxrt.shapes.roots import Row, power_of, root_distance, roots_of
+from jaxrt.shapes.search.boxes import Tree, ball_tree
+from jaxrt.shapes.search.bvh import Topology, topology_of_boxes
+from jaxrt.shapes.search.traverse import any_hit, nearest_hit
 
 Floats = NDArray[np.float64]
+MIN_SPHERES = 128  # fewer are tested one by one: a loop takes about 1.6 ns for each, a walk of a lone ray about 200
+WALLS, WALL = 16, 8  # so many spheres, the largest ones, stay outside of a tree, if they are so many times the usual
 
 
 @pytree
@@ -36,6 +35,8 @@ class Spheres:
     radius: Array  # (n,) scene units, > 0
     lost: Array  # (n,) scene units, what rounding the above took from the radius (`lost_digits`); without derivative
     material: Array  # (n,) int32
+    bvh: Topology | None = None  # made by `sphere_topology`; None: few, tested one by one
+    outside: Array | None = None  # (k,) int32, rows that are tested one by one beside the tree
 
 
 @pytree
@@ -48,6 +49,8 @@ class SphereTable:
     shift: Array  # (n, 3) center − base
     constant: Array  # (n,)
     material: Array  # (n,) int32
+    outside: Array | None = None  # (k,) int32, rows that are not in the tree; None without
+    tree: Tree | None = None  # no derivative passes through it
 
 
 def sphere_table(spheres: Spheres) -> SphereTable:
@@ -56,11 +59,47 @@ def sphere_table(spheres: Spheres) -> SphereTable:
     squared = jnp.sum(c * c, -1)
     huge = r * r > squared / 4
     power = exact_power(c, r, kept_digits(spheres)) + grad_only(squared - r * r)
-    base = jnp.where(huge[:, None], 0, c)
-    return SphereTable(c, r, base, jnp.where(huge[:, None], c, 0), jnp.where(huge, power, -r * r), spheres.material)
+    base, constant = jnp.where(huge[:, None], 0, c), jnp.where(huge, power, -r * r)
+    tree = None if spheres.bvh is None else ball_tree(spheres.bvh, *lax.stop_gradient((c, r, base, constant)))
+    shift = jnp.where(huge[:, None], c, 0)
+    return SphereTable(c, r, base, shift, constant, spheres.material, spheres.outside, tree)
 
 
-Row = tuple[Array, Array, Array, Array, Array]  # center, radius, base, shift, constant
+def with_more(spheres: Spheres, center: Array, radius: Array, material: Array) -> Spheres:
+    """Return the spheres followed by others (m, …) of which no digits are lost, outside of any tree."""
+    outside = None
+    if spheres.outside is not None:
+        rows = spheres.radius.shape[0] + jnp.arange(radius.shape[0], dtype=jnp.int32)
+        outside = jnp.concatenate([spheres.outside, rows])
+    return Spheres(
+        jnp.concatenate([spheres.center, center]),
+        jnp.concatenate([spheres.radius, radius]),
+        jnp.concatenate([spheres.lost, jnp.zeros_like(radius)]),
+        jnp.concatenate([spheres.material, material]),
+        spheres.bvh,
+        outside,
+    )
+
+
+def without_more(table: SphereTable, n: int) -> SphereTable:
+    """Return the table of the first n spheres, where the others were added by `with_more`."""
+    more, outside = table.radius.shape[0] - n, table.outside
+    first = jax.tree.map(lambda x: x[:n], replace(table, outside=None, tree=None))
+    kept = None if outside is None else outside[: outside.shape[0] - more]
+    return replace(first, outside=kept, tree=table.tree)
+
+
+def sphere_topology(center: Floats, radius: Floats, least: int = MIN_SPHERES) -> tuple[Topology, Array] | None:
+    """Return the tree over spheres (n, 3), (n,), and the rows (k,) of those outside of it; None where they are few."""
+    if len(radius) < least:
+        return None
+    order = np.argsort(-radius, kind="stable")
+    walls = int(np.sum(radius[order[:WALLS]] > WALL * np.median(radius)))
+    outside, inside = np.sort(order[:walls]), np.sort(order[walls:])
+    low, high = (center[inside] + sign * radius[inside, None] for sign in (-1, 1))
+    tree = topology_of_boxes(low, high)
+    rows = jnp.asarray(np.append(inside, -1), jnp.int32)
+    return replace(tree, faces=rows[tree.faces]), jnp.asarray(outside, jnp.int32)
 
 
 def _row(table: SphereTable, i: Array) -> Row:
@@ -68,42 +107,16 @@ def _row(table: SphereTable, i: Array) -> Row:
     return center, radius, take(table.base, i), take(table.shift, i), take(table.constant, i)
 
 
-def _power(row: Row, p: Array) -> Array:
-    """Return |p − c|² − r² of a point p, in the form that is exact for this sphere."""
-    center, _, base, shift, constant = row
-    return dot(p - base, p - center - shift) + constant
-
-
-def _roots(row: Row, ray: Ray) -> tuple[Array, Array, Array]:
-    """Return (b, power, discriminant) of the quadratic for the distance along the ray."""
-    radius = row[1]
-    f = ray.origin - row[0]
-    b = dot(f, ray.direction)
-    power = _power(row, ray.origin)
-    away = f - b * ray.direction
-    near = b * b < radius * radius
-    return b, power, jnp.where(near, b * b - power, radius * radius - dot(away, away))
-
-
-def _distance(row: Row, ray: Ray) -> Array:
-    """Return the smallest positive distance to the sphere, FAR if there is none. No derivative is taken of it."""
-    b, power, discriminant = _roots(row, ray)
-    larger = jnp.abs(b) + jnp.sqrt(jnp.maximum(discriminant, 0))
-    hit = (discriminant > 0) & ((power < 0) | (b < 0))
-    chord_ahead = (power < 0) & (b < 0)
-    return jnp.where(hit, jnp.where(chord_ahead, larger, jnp.abs(power) / larger), FAR)
-
-
 def sphere_distance(table: SphereTable, ray: Ray, i: Array) -> Array:
     """Return the smallest positive distance to sphere `i`, FAR if there is none. No derivative is taken of it."""
-    return _distance(_row(table, i), ray)
+    return root_distance(_row(table, i), ray)
 
 
 def nearest_approach(table: SphereTable, ray: Ray, i: Array) -> Array:
     """Return that distance, and of a ray that misses where it is nearest to the sphere: both meet at its outline."""
     row = _row(table, i)
-    b, power, discriminant = _roots(row, ray)
-    return jnp.where((discriminant <= 0) & (power > 0) & (b < 0), -b, _distance(row, ray))
+    b, power, discriminant = roots_of(row, ray)
+    return jnp.where((discriminant <= 0) & (power > 0) & (b < 0), -b, root_distance(row, ray))
 
 
 def _pair(table: SphereTable, ray: Ray, pair: Array) -> list[tuple[Array, Array]]:
@@ -111,9 +124,16 @@ def _pair(table: SphereTable, ray: Ray, pair: Array) -> list[tuple[Array, Array]
 
     Two at a time halve the loop's bookkeeping: a search of ten spheres takes 16 ns instead of 27.
     """
-    rows = [jnp.minimum(2 * pair + j, table.radius.shape[0] - 1) for j in range(2)]
-    distances = once(lambda rows, ray: [_distance(_row(table, i), ray) for i in rows])(rows, ray)
+    rows = [jnp.minimum(2 * pair + j, _in_loop(table) - 1) for j in range(2)]
+    if table.outside is not None:
+        rows = [take(table.outside, i) for i in rows]
+    distances = once(lambda rows, ray: [root_distance(_row(table, i), ray) for i in rows])(rows, ray)
     return list(zip(rows, distances, strict=True))
+
+
+def _in_loop(table: SphereTable) -> int:
+    """Return how many spheres are tested one by one."""
+    return (table.radius if table.outside is None else table.outside).shape[0]
 
 
 def find_sphere(table: SphereTable, ray: Ray, farthest: Array) -> tuple[Array, Array]:
@@ -125,11 +145,17 @@ def find_sphere(table: SphereTable, ray: Ray, farthest: Array) -> tuple[Array, A
             best = jnp.where(nearer, t, best[0]), jnp.where(nearer, i, best[1])
         return best
 
-    return lax.fori_loop(0, -(-table.radius.shape[0] // 2), closer, (farthest, jnp.int32(-1)))
+    distance, row = farthest, jnp.int32(-1)
+    if _in_loop(table):
+        distance, row = lax.fori_loop(0, -(-_in_loop(table) // 2), closer, (distance, row))
+    if table.tree is None:
+        return distance, row
+    distance, ball = nearest_hit(table.tree, ray.origin, ray.direction, distance)
+    return distance, jnp.where(ball >= 0, ball, row)
 
 
 def occluded_by_sphere(table: SphereTable, ray: Ray, farthest: Array, skip: Array | None) -> Array:
-    """Return whether any sphere but row `skip` is hit closer than `farthest`."""
+    """Return whether any sphere but row `skip`, which is in no tree, is hit closer than `farthest`."""
 
     def blocks(pair: Array, blocked: Array) -> Array:
         for i, t in _pair(table, ray, pair):
@@ -137,7 +163,12 @@ def occluded_by_sphere(table: SphereTable, ray: Ray, farthest: Array, skip: Arra
             blocked = blocked | (block if skip is None else block & (i != skip))
         return blocked
 
-    return lax.fori_loop(0, -(-table.radius.shape[0] // 2), blocks, jnp.zeros((), bool))
+    blocked = jnp.zeros((), bool)
+    if _in_loop(table):
+        blocked = lax.fori_loop(0, -(-_in_loop(table) // 2), blocks, blocked)
+    if table.tree is None:
+        return blocked
+    return blocked | any_hit(table.tree, ray.origin, ray.direction, jnp.where(blocked, 0, farthest))
 
 
 def sphere_surface_point(table: SphereTable, ray: Ray, i: Array) -> SurfacePoint:
@@ -152,8 +183,8 @@ def sphere_surface_point(table: SphereTable, ray: Ray, i: Array) -> SurfacePoint
 
 
 def _distance_to_surface(row: Row, ray: Ray) -> Array:
-    """Return the distance that `_distance` finds, differentiable, and finite where there is none."""
-    b, power, discriminant = _roots(row, ray)
+    """Return the distance that `root_distance` finds, differentiable, and finite where there is none."""
+    b, power, discriminant = roots_of(row, ray)
     root = safe_sqrt(discriminant)
     return jnp.where((power < 0) & (b < 0), root - b, jnp.abs(safe_divide(power, jnp.abs(b) + root)))
 
@@ -161,7 +192,7 @@ def _distance_to_surface(row: Row, ray: Ray) -> Array:
 def onto_sphere(row: Row, p: Array) -> Array:
     """Return p moved along the normal onto the sphere: c + (p − c) r/m, m = |p − c|, without its cancellation."""
     center, radius, _, _, _ = row
-    power = _power(row, p)
+    power = power_of(row, p)
     m = safe_sqrt(radius * radius + power)
     return p - (p - center) * safe_divide(power, m * (m + radius))
 

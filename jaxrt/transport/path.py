@@ -31,7 +31,17 @@ from jaxrt.lights import (
 from jaxrt.lights.density import light_density
 from jaxrt.materials import Materials, Scattering, evaluate, scatter
 from jaxrt.scene import Scene
-from jaxrt.shapes import Geometry, Spheres, find, geometry_of, leave, occluded, surface_point
+from jaxrt.shapes import (
+    Geometry,
+    Spheres,
+    find,
+    geometry_of,
+    leave,
+    occluded,
+    surface_point,
+    with_more,
+    without_more,
+)
 
 _KEPT = "kept"  # name of what derivatives backwards keep of an event
 Numbers = Callable[[int | Array], tuple[Array, Array, Array, Array]]  # decision block -> four numbers in [0, 1)
@@ -86,7 +96,7 @@ def tables_of(scene: Scene) -> Tables:
 
 def _first_spheres(geometry: Geometry, n: int) -> Geometry:
     """Return the geometry with the first n of its spheres, and all else."""
-    spheres = jax.tree.map(lambda x: x[:n], geometry.spheres) if n else None
+    spheres = without_more(geometry.spheres, n) if n and geometry.spheres is not None else None
     return Geometry(spheres, geometry.triangles)
 
 
@@ -98,16 +108,10 @@ def _with_light_spheres(scene: Scene) -> Spheres | None:
     lights, spheres = lax.stop_gradient(scene.lights), scene.spheres
     if lights is None or lights.radius is None:
         return spheres
-    lost = jnp.zeros_like(lights.radius)
     rows = sum(scene.materials.counts) + jnp.arange(lights.radius.shape[0], dtype=jnp.int32)
     if spheres is None:
-        return Spheres(lights.position, lights.radius, lost, rows)
-    return Spheres(
-        jnp.concatenate([spheres.center, lights.position]),
-        jnp.concatenate([spheres.radius, lights.radius]),
-        jnp.concatenate([spheres.lost, lost]),
-        jnp.concatenate([spheres.material, rows]),
-    )
+        return Spheres(lights.position, lights.radius, jnp.zeros_like(lights.radius), rows)
+    return with_more(spheres, lights.position, lights.radius, rows)
 
 
 def radiance(tables: Tables, ray: Ray, numbers: Numbers, max_depth: int, unroll: bool, attached: bool = False) -> Array:

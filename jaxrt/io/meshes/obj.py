@@ -5,7 +5,9 @@ end of the file, and skips indented lines and lines with tabs, all without a wor
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from operator import itemgetter
 from typing import NamedTuple, NoReturn
 
 import numpy as np
@@ -14,7 +16,7 @@ from jaxrt.description import SceneError, show
 from jaxrt.description.mesh_facts import Floats, Ints
 from jaxrt.io.meshes.polygons import Polygons
 from jaxrt.io.meshes.soundness import Mesh, check_polygons, check_vertices, cut, no_faces
-from jaxrt.io.meshes.text import BadRow, floats, number_hint, numbers
+from jaxrt.io.meshes.text import BadRow, counts_of_words, floats, number_hint, numbers
 
 # Of no consequence for the picture: normals and texture places, groups, names, rules for smoothing and detail
 _PASSED = frozenset("vn vt vp o g s mg bevel c_interp d_interp lod shadow_obj trace_obj maplib usemap call csh".split())
@@ -69,17 +71,17 @@ class _Reader:
         self.others: dict[str, list[int]] = {"edges and points": [], "curves and surfaces": [], "unknown words": []}
 
     def read(self, text: str) -> Obj:
-        for line, word, rest in _statements(text):
+        for lines, word, rests in _statements(text):
             if word == "v":
-                self.places.append(rest)
-                self.place_lines.append(line)
+                self.places += rests
+                self.place_lines += lines
             # The old name of a face is fo
             elif word in ("f", "fo"):
-                self.corners.append(rest)
-                self.corner_lines.append(line)
-                self.before.append(len(self.places))
+                self.corners += rests
+                self.corner_lines += lines
+                self.before += [len(self.places)] * len(rests)
             elif word not in _PASSED:
-                self._other(line, word, rest)
+                self._other(lines[0], word, rests[0])
         if not self.corners:
             curved = self.others["curves and surfaces"]
             raise no_faces(self.source, ", but curves and surfaces, which are not read" if curved else "")
@@ -114,7 +116,7 @@ class _Reader:
 
     def _vertices(self) -> tuple[Floats, list[str]]:
         """Return the vertices, and what stands beside them."""
-        rows = [row.split("#", 1)[0] for row in self.places] if any("#" in row for row in self.places) else self.places
+        rows = _without_comments(self.places)
         try:
             vertices = floats(rows, 3)
         except BadRow as error:
@@ -126,11 +128,8 @@ class _Reader:
 
     def _polygons(self, count: int) -> Polygons:
         """Return the polygons, their corners counted from 0."""
-        rows = self.corners
-        if any("#" in row for row in rows):
-            rows = [row.split("#", 1)[0] for row in rows]
-        sizes = np.array([len(row.split()) for row in rows], np.int64)
-        words = "\n".join(rows)
+        rows = _without_comments(self.corners)
+        sizes, words = counts_of_words(rows), "\n".join(rows)
         corners = numbers(
             re.sub(r"/[\d/+-]*(?=\s|$)", "", words) if "/" in words else words, int(sizes.sum()), np.int64
         )
@@ -165,13 +164,13 @@ class _Reader:
 
 def _extras(rows: list[str]) -> Iterator[str]:
     """Tell what rows of vertices hold besides their places."""
-    widths = np.array([len(row.split()) for row in rows], np.int64)
+    widths = counts_of_words(rows)
     unlike = np.flatnonzero(widths != widths[:1])
     if len(unlike):
         yield f"vertex {unlike[0] + 1} has {widths[unlike[0]]} numbers, and the first {widths[0]}: one may be lost"
     if (widths >= 6).any():
         yield "vertex colours are not read"
-    weighted = [row.split()[3] for row, width in zip(rows, widths.tolist(), strict=True) if width == 4]
+    weighted = [rows[i].split()[3] for i in np.flatnonzero(widths == 4)]
     if any(word not in ("1", "1.0") and not _is_one(word) for word in weighted):
         yield "weights of vertices are not read"
 
@@ -183,20 +182,35 @@ def _is_one(word: str) -> bool:
         return False
 
 
-def _statements(text: str) -> Iterator[tuple[int, str, str]]:
-    """Yield line, first word and rest of each statement, comments on their own lines taken off, continued ones joined.
+def _statements(text: str) -> Iterator[tuple[Sequence[int], str, list[str]]]:
+    """Yield lines, first word and rests of statements, comments on their own lines taken off, continued ones joined.
 
-    Words other than names of files and materials may hold a comment, which is theirs to find: a name may have a #.
+    Vertices and faces that follow one another come together. Words other than names of files and materials may hold a
+    comment, which is theirs to find: a name may have a #.
     """
     text = text.replace("\t", " ").replace("\v", " ").replace("\f", " ")
-    lines = _joined(text) if _CONTINUED.search(text + "\n") else enumerate(text.split("\n"), 1)
-    for number, line in lines:
-        word, _, rest = line.strip().partition(" ")
-        if not word or word[0] == "#":
+    numbers: Sequence[int] = range(1, text.count("\n") + 2)
+    lines: Sequence[str] = text.split("\n")
+    if _CONTINUED.search(text + "\n"):
+        numbers, lines = zip(*_joined(text), strict=True)
+    place = 0
+    for head, group in groupby(lines, itemgetter(slice(2))):
+        rows, first = list(group), place
+        place += len(rows)
+        if head in ("v ", "f "):
+            yield numbers[first:place], head[0], [row[2:] for row in rows]
             continue
-        if "#" in word:
-            word, rest = word.split("#", 1)[0], ""
-        yield number, word if word in ("v", "f") else word.lower(), rest
+        for number, row in zip(numbers[first:place], rows, strict=True):
+            word, _, rest = row.strip().partition(" ")
+            if not word or word[0] == "#":
+                continue
+            if "#" in word:
+                word, rest = word.split("#", 1)[0], ""
+            yield [number], word if word in ("v", "f") else word.lower(), [rest]
+
+
+def _without_comments(rows: list[str]) -> list[str]:
+    return [row.split("#", 1)[0] for row in rows] if "#" in "".join(rows) else rows
 
 
 def _joined(text: str) -> Iterator[tuple[int, str]]:

@@ -13,6 +13,7 @@ from jaxrt.description.mesh_facts import Floats
 
 _MARKS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
 _NUMBER = re.compile(r"[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|inf|infinity|nan)", re.ASCII | re.IGNORECASE)
+_IS_BLANK = np.isin(np.arange(256), list(b" \t\n\v\f\r\x1c\x1d\x1e\x1f"))  # bytes that `str.split` takes for space
 _FORTRAN = re.compile(r"\d\.?[dD][-+]?\d")
 
 
@@ -73,6 +74,20 @@ def numbers(words: str, count: int, kind: type[np.generic]) -> NDArray[Any] | No
         return None
     # A sign parts two numbers as well as a space does: count the words too
     return found if len(found) == count == len(words.split()) else None
+
+
+def counts_of_words(rows: Sequence[str]) -> NDArray[np.int64]:
+    """Return how many words each row of text has."""
+    text = "\n".join([*rows, ""])
+    if not rows or not text.isascii():
+        return np.array([len(row.split()) for row in rows], np.int64)
+    data = np.frombuffer(text.encode(), np.uint8)
+    blank = _IS_BLANK[data]
+    begins = ~blank
+    begins[1:] &= blank[:-1]
+    ends = np.flatnonzero(data == ord("\n"))
+    counts: NDArray[np.int64] = np.add.reduceat(begins, np.append(0, ends[:-1] + 1), dtype=np.int64)
+    return counts
 
 
 def is_count(word: str) -> bool:

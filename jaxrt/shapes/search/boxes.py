@@ -9,8 +9,8 @@ from jaxrt.shapes.search.bvh import WIDTH, Topology
 from jaxrt.shapes.search.order import bits
 
 # Words of a node: least, then largest x, y, z of eight children, padded; where the children begin,
-# −1 − that for a leaf. Of a leaf: x, y, z of the first,
-# second, third corners of eight faces; the faces, −1 where there are fewer
+# −1 − that for a leaf. Of a leaf: x, y, z of the first, second, third corners of eight faces, or x, y, z, radius,
+# x, y, z of the base and constant of eight spheres (`SphereTable`), then nothing; their rows, −1 where there are fewer
 NODE, LEAF = 7 * WIDTH, 10 * WIDTH
 
 
@@ -26,6 +26,7 @@ class Tree:
     nodes: int = static()
     depth: int = static()
     wide: bool = static(default=False)  # of `Triangles`
+    balls: bool = static(default=False)  # leaves hold spheres
 
     @property
     def reach(self) -> Array:
@@ -39,8 +40,27 @@ def tree_of(topology: Topology, corners: Array, wide: bool = False) -> Tree:
     own = corners[jnp.where(slots < 0, slots[:, :1], slots)]  # leaf, slot, corner, coordinate
     # A place without face has a point for a face: never hit
     own = jnp.where((slots < 0)[..., None, None], own[:, :, :1], own)
-    low, high = own.min((1, 2)), own.max((1, 2))
-    pad = 32 * unit_roundoff(corners) * jnp.maximum(jnp.abs(low), jnp.abs(high)).max(1, keepdims=True)
+    return _tree_around(topology, own.min((1, 2)), own.max((1, 2)), own.transpose(0, 3, 2, 1), wide=wide)
+
+
+def ball_tree(topology: Topology, center: Array, radius: Array, base: Array, constant: Array) -> Tree:
+    """Return the tree around spheres (n, …) where they are now; those that it does not name are not in it."""
+    slots = topology.faces
+    first = jnp.where(slots[:, :1] < 0, slots[0, 0], slots[:, :1])
+    rows, empty = jnp.where(slots < 0, first, slots), slots < 0
+    # A place without sphere has one of no size: never hit
+    middle, size = center[rows].transpose(0, 2, 1), jnp.where(empty, 0, radius[rows])[:, None]
+    origin = jnp.where(empty[:, None], middle, base[rows].transpose(0, 2, 1))
+    offset = jnp.where(empty, 0, constant[rows])[:, None]
+    numbers = jnp.concatenate([middle, size, origin, offset, jnp.zeros_like(size)], 1)
+    return _tree_around(topology, (middle - size).min(2), (middle + size).max(2), numbers, balls=True)
+
+
+def _tree_around(
+    topology: Topology, low: Array, high: Array, numbers: Array, wide: bool = False, balls: bool = False
+) -> Tree:
+    """Return the tree of leaves with these boxes (m, 3) and numbers (m, …, 8)."""
+    pad = 32 * unit_roundoff(low) * jnp.maximum(jnp.abs(low), jnp.abs(high)).max(1, keepdims=True)
     low, high = low - pad, high + pad
     first, last = topology.first, topology.last
     lows = _least_of_ranges(low, first, last)
@@ -51,14 +71,15 @@ def tree_of(topology: Topology, corners: Array, wide: bool = False) -> Tree:
     children = jnp.where(children < 0, -1 - size - (-1 - children) * LEAF, children * NODE)
     nodes = _words(boxes.swapaxes(1, 2), children)
     return Tree(
-        words=jnp.concatenate([nodes, _words(own.transpose(0, 3, 2, 1), slots)]),
+        words=jnp.concatenate([nodes, _words(numbers, topology.faces)]),
         low=low.min(0),
         high=high.max(0),
         pad=pad.max(),
-        side=lax.rsqrt(last[0].max().astype(corners.dtype)),
+        side=lax.rsqrt(last[0].max().astype(low.dtype)),
         nodes=topology.children.shape[0],
         depth=topology.depth,
         wide=wide,
+        balls=balls,
     )
 
 

@@ -19,6 +19,7 @@ from jaxrt.core.pytree import pytree, static
 
 WIDTH = 8  # children of a node, faces of a leaf: what one vector instruction tests
 BINS = 16
+SAMPLE = 512  # faces of a node that its split is chosen by
 # Leaves and nodes a face, of which real meshes have .125 to .137 and .025 to .029; and levels, of which they have few
 LEAVES, NODES, DEPTH = 0.14, 0.03, 16
 MIN_FACES = 48  # fewer are tested one by one: there random rays break even, camera rays earlier (benchmarks/meshes.py)
@@ -57,32 +58,20 @@ class _Binary(NamedTuple):
     levels: np.ndarray  # (l + 1,) first node of each level, and k
 
 
-class _Faces(NamedTuple):
-    """Boxes and their middles, row by row."""
-
-    low: np.ndarray  # (f, 3)
-    high: np.ndarray  # (f, 3)
-    middle: np.ndarray  # (f, 3)
-
-    def take(self, rows: np.ndarray) -> "_Faces":
-        """Return some rows."""
-        return _Faces(*(_rows(x, rows) for x in self))
-
-
-def _rows(x: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Return x[rows] of x (f, 3): column by column, which NumPy does four times as fast."""
-    return np.stack([x[:, k].take(rows) for k in range(3)], -1)
-
-
 def topology_of(vertices: np.ndarray, faces: np.ndarray, least: int = MIN_FACES) -> Topology | None:
     """Return the tree over the faces (f, 3) of vertices (v, 3), None below `least` faces, where it would not pay.
 
     Its arrays have room to spare, as much for each mesh of so many faces, so that one program serves them all.
     """
-    tree = exact_topology(vertices, faces, least)
-    if tree is None:
+    if len(faces) < max(least, 1):
         return None
-    nodes, leaves = (_room(len(x), len(faces), share) for x, share in ((tree.children, NODES), (tree.faces, LEAVES)))
+    return topology_of_boxes(*_boxes_of(vertices, faces))
+
+
+def topology_of_boxes(low: np.ndarray, high: np.ndarray) -> Topology:
+    """Return the tree over things of whatever kind, at least one, by their boxes (n, 3)."""
+    tree, n = _collapse(_grow(low, high)), len(low)
+    nodes, leaves = (_room(len(x), n, share) for x, share in ((tree.children, NODES), (tree.faces, LEAVES)))
     children, first, last = (_filled(x, nodes, 0) for x in (tree.children, tree.first, tree.last))
     return Topology(children, first, last, _filled(tree.faces, leaves, -1), _doubled(DEPTH, tree.depth))
 
@@ -91,7 +80,7 @@ def exact_topology(vertices: np.ndarray, faces: np.ndarray, least: int = MIN_FAC
     """Return the same tree without room to spare."""
     if len(faces) < max(least, 1):
         return None
-    return _collapse(_grow(_faces_of(np.asarray(vertices, float), np.asarray(faces))))
+    return _collapse(_grow(*_boxes_of(vertices, faces)))
 
 
 def _room(count: int, faces: int, share: float) -> int:
@@ -117,45 +106,41 @@ def survey(vertices: np.ndarray, faces: np.ndarray) -> Survey | None:
     if topology is None:
         return None
     seconds = time.process_time() - start
-    boxes = _faces_of(np.asarray(vertices, float), np.asarray(faces))
+    low, high = _boxes_of(vertices, faces)
     order = np.asarray(topology.faces).ravel()
     rows = order >= 0
     starts = np.concatenate([[0], np.cumsum(rows.reshape(-1, WIDTH).sum(1))])
     children, first, last = (np.asarray(x).ravel() for x in (topology.children, topology.first, topology.last))
     inner, leaf = children > 0, (children < 0) & (last > first)
-    area = _area(*_range_boxes(boxes.take(order[rows]), starts[first], starts[last]))
-    whole = max(_area(boxes.low.min(0), boxes.high.max(0)), np.finfo(float).tiny)
+    sides = np.concatenate([low.T, -high.T])[:, order[rows]]
+    ranges = np.stack([starts[first], starts[last]], -1).ravel()  # which may overlap, or be empty: of no meaning then
+    area = _area(np.minimum.reduceat(np.append(sides, sides[:, :1], 1), ranges, 1)[:, ::2])
+    whole = max(_area(sides.min(1)), np.finfo(float).tiny)
     visits = [1 + area[inner].sum() / whole, area[leaf].sum() / whole]
     return Survey(topology.depth, len(topology.children), len(topology.faces), seconds, *visits)
 
 
-def _faces_of(vertices: np.ndarray, faces: np.ndarray) -> _Faces:
-    corners = vertices[faces]
-    low, high = corners.min(1), corners.max(1)
-    return _Faces(low, high, low / 2 + high / 2)
+def _boxes_of(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return least and largest coordinates (f, 3) of each face."""
+    a, b, c = (np.asarray(vertices, float).take(np.asarray(faces)[:, k], 0) for k in range(3))
+    return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
 
 
-def _area(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return half the surface of boxes (..., 3), relative to none: 0 for an empty one."""
-    x, y, z = np.moveaxis(np.maximum(high - low, 0), -1, 0)
+def _area(sides: np.ndarray) -> np.ndarray:
+    """Return half the surface of boxes: least x, y, z, then least −x, −y, −z, (6, …); 0 for an empty one."""
+    x, y, z = np.maximum(-(sides[:3] + sides[3:]), 0)
     return x * y + y * z + z * x
 
 
-def _range_boxes(rows: _Faces, begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the boxes around ranges of rows, which may overlap; meaningless for an empty range."""
-    pairs = np.stack([begin, end], -1).ravel()
-    low = np.concatenate([rows.low, rows.low[:1]])
-    high = np.concatenate([rows.high, rows.high[:1]])
-    return np.minimum.reduceat(low, pairs)[::2], np.maximum.reduceat(high, pairs)[::2]
-
-
-def _grow(faces: _Faces) -> _Binary:
+def _grow(low: np.ndarray, high: np.ndarray) -> _Binary:
     """Return the binary tree. After log₂ f levels nodes are halved by number, so that the depth is at most 2 log₂ f."""
-    n = len(faces.low)
-    order = np.arange(n)
+    n, origin = len(low), low.min(0)
+    width, order = (high - origin).max() or 1, np.arange(n)
+    # In columns, and of half the memory: nothing but the choice of splits depends on it
+    sides = np.concatenate([(low - origin).T, (origin - high).T]).astype(np.float32) / np.float32(width)
     begin, end = [np.zeros(1, int)], [np.full(1, n)]
     left: list[np.ndarray] = []
-    area = [_area(faces.low.min(0), faces.high.max(0))[None]]
+    area = [_area(sides.min(1))[None]]
     nodes, level, limit = 1, 0, int(np.ceil(np.log2(n + 1))) + 2
     while len(begin[-1]):
         grown = end[-1] - begin[-1] > WIDTH
@@ -165,15 +150,18 @@ def _grow(faces: _Faces) -> _Binary:
         a, b = begin[-1][grown], end[-1][grown]
         size = b - a
         rows = np.repeat(a, size) + _counting(size)
-        moved, cut = _split(faces.take(order[rows]), size, level >= limit)
-        order[rows] = order[rows][moved]
+        own = sides[:, rows]
+        moved, cut = _split(own, size, level >= limit)
+        own, order[rows] = own[:, moved], order[rows[moved]]
+        sides[:, rows] = own
         begin.append(np.stack([a, a + cut], -1).ravel())
         end.append(np.stack([a + cut, b], -1).ravel())
         if len(a):
-            area.append(_area(*_range_boxes(faces.take(order), begin[-1], end[-1])))
+            sizes = end[-1] - begin[-1]
+            area.append(_area(np.minimum.reduceat(own, np.cumsum(sizes) - sizes, 1)))
         nodes, level = nodes + 2 * len(a), level + 1
     parts = [np.concatenate(x) for x in (left, begin, end, area)]
-    return _Binary(parts[0], parts[1], parts[2], parts[3], order, np.cumsum([0, *map(len, left)]))
+    return _Binary(parts[0], parts[1], parts[2], parts[3].astype(float), order, np.cumsum([0, *map(len, left)]))
 
 
 def _counting(size: np.ndarray) -> np.ndarray:
@@ -181,23 +169,24 @@ def _counting(size: np.ndarray) -> np.ndarray:
     return np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
 
 
-def _split(faces: _Faces, size: np.ndarray, halve: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return (order of the rows, rows of each node that go left). Each node owns `size` rows, one after another."""
+def _split(sides: np.ndarray, size: np.ndarray, halve: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return (order of the rows, rows of each node that go left). Each node owns `size` columns, one after another."""
     if not len(size):
         return np.zeros(0, int), size
     node, starts = np.repeat(np.arange(len(size)), size), np.cumsum(size) - size
-    low = np.minimum.reduceat(faces.middle, starts)
-    extent = np.maximum.reduceat(faces.middle, starts) - low
+    middle = sides[:3] - sides[3:]
+    low = np.minimum.reduceat(middle, starts, 1)
+    extent = np.maximum.reduceat(middle, starts, 1) - low
     scale = np.divide(BINS, extent, out=np.zeros_like(extent), where=extent > 0)
     scale[~np.isfinite(scale)] = 0
-    bins = np.minimum((faces.middle - low[node]) * scale[node], BINS - 1).astype(np.int32)
-    axis, cut, cost = _cheapest(faces, bins, node, len(size))
-    right = np.take_along_axis(bins, axis[node][:, None], 1)[:, 0] > cut[node]
+    bins = np.minimum((middle - low[:, node]) * scale[:, node], BINS - 1).astype(np.uint8)
+    axis, cut, cost = _cheapest(sides, bins, size)
+    right = bins[axis[node], np.arange(len(node))] > cut[node]
     # Where all middles coincide, or too deep: halve by number along the longest axis
     stuck = np.full(len(size), True) if halve else ~np.isfinite(cost)
     if stuck.any():
         rows = np.flatnonzero(stuck[node])
-        along = np.take_along_axis(faces.middle[rows], extent.argmax(1)[node[rows]][:, None], 1)[:, 0]
+        along = middle[extent.argmax(0)[node[rows]], rows]
         rank = np.empty(len(rows), int)
         rank[np.lexsort((along, node[rows]))] = _counting(size[stuck])
         right[rows] = rank >= size[node[rows]] // 2
@@ -209,36 +198,40 @@ def _split(faces: _Faces, size: np.ndarray, halve: bool) -> tuple[np.ndarray, np
     return moved, cut
 
 
-def _cheapest(faces: _Faces, bins: np.ndarray, node: np.ndarray, nodes: int) -> tuple[np.ndarray, ...]:
-    """Return (axis, last bin of the left side, cost) of each node's best split; infinite cost where there is none."""
+def _cheapest(sides: np.ndarray, bins: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return (axis, last bin of the left side, cost) of each node's best split; infinite cost where there is none.
+
+    Of a large node a sample is looked at: every so many rows of it.
+    """
+    nodes, every = len(size), -(-size // SAMPLE)
+    node = np.repeat(np.arange(nodes), size)
+    if every.max() > 1:
+        seen = np.flatnonzero(_counting(size) % every[node] == 0)
+        sides, bins, node = sides[:, seen], bins[:, seen], node[seen]
     best: tuple[np.ndarray, ...] = np.zeros(nodes, int), np.zeros(nodes, int), np.full(nodes, np.inf)
     for axis in range(3):
-        key = node * BINS + bins[:, axis]
-        order = np.argsort(key)
-        count = np.bincount(key, minlength=nodes * BINS)
+        # Rows stand node by node: a stable sort of small numbers, which NumPy does by counting, leaves that in each bin
+        order = np.argsort(bins[axis], kind="stable")
+        count = np.bincount(bins[axis].astype(int) * nodes + node, minlength=BINS * nodes)
         used = np.flatnonzero(count)
-        starts = (np.cumsum(count) - count)[used]
-        low, high = np.full((nodes * BINS, 3), np.inf), np.full((nodes * BINS, 3), -np.inf)
-        low[used] = np.minimum.reduceat(faces.low[order], starts)
-        high[used] = np.maximum.reduceat(faces.high[order], starts)
-        cost = _split_costs(low.reshape(nodes, BINS, 3), high.reshape(nodes, BINS, 3), count.reshape(nodes, BINS))
-        cut = cost.argmin(1)
-        least = cost[np.arange(nodes), cut]
+        boxes = np.full((6, BINS * nodes), np.inf, sides.dtype)
+        boxes[:, used] = np.minimum.reduceat(sides[:, order], (np.cumsum(count) - count)[used], 1)
+        cost = _split_costs(boxes.reshape(6, BINS, nodes), count.reshape(BINS, nodes) * every)
+        cut = cost.argmin(0)
+        least = cost[cut, np.arange(nodes)]
         better = least < best[2]
         best = tuple(np.where(better, a, b) for a, b in zip((axis, cut, least), best, strict=True))
     return best
 
 
-def _split_costs(low: np.ndarray, high: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """Return the cost (k, 15) of splitting after each bin: area times leaves, summed over the two sides."""
-    total = np.zeros((len(count), BINS - 1))
+def _split_costs(boxes: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Return the cost (15, k) of splitting after each bin: area times leaves, summed over the two sides."""
+    total = np.zeros((BINS - 1, count.shape[1]))
     for side in (slice(None), slice(None, None, -1)):
-        n = np.cumsum(count[:, side], 1)[:, :-1]
-        lows = np.minimum.accumulate(low[:, side], 1)[:, :-1]
-        highs = np.maximum.accumulate(high[:, side], 1)[:, :-1]
+        n = np.cumsum(count[side], 0)[:-1]
+        area = _area(np.minimum.accumulate(boxes[:, side], 1)[:, :-1])
         # An empty side is no split
-        area = _area(np.where(n[..., None] > 0, lows, 0), np.where(n[..., None] > 0, highs, 0))
-        total += np.where(n > 0, area * np.ceil(n / WIDTH), np.inf)[:, side]
+        total += np.where(n > 0, area * np.ceil(n / WIDTH), np.inf)[side]
     return total
 
 

@@ -16,7 +16,7 @@ from jax import Array, lax
 
 from jaxrt.core.maths import FAR, unit_roundoff
 from jaxrt.kernels.native import once
-from jaxrt.shapes.edges import along_axis, hit_distance, shear
+from jaxrt.shapes.edges import along_axis
 from jaxrt.shapes.search.boxes import Tree
 from jaxrt.shapes.search.order import floats, largest, least, most, smallest
 from jaxrt.shapes.search.walk import (
@@ -25,6 +25,7 @@ from jaxrt.shapes.search.walk import (
     each,
     face_of,
     leaf_at,
+    leaf_boxes,
     leaf_distances,
     mask,
     nonzero,
@@ -56,8 +57,8 @@ def walk_together(
         return hull(*sides)
 
     meet = _rays_in(tree, origin, (1 / nonzero(dx), 1 / nonzero(dy), sz), places)
-    by_ray = _by_ray(any_hit, tree, (*origin, sx, sy, sz), places)
-    by_face = _by_face(any_hit, tree, (*origin, sx, sy, sz), places)
+    rays = (*o, *d) if tree.balls else (*origin, sx, sy, sz)
+    by_ray, by_face = _by_ray(any_hit, tree, rays, places), _by_face(any_hit, tree, rays, places)
 
     def leaf(code: Array, box: Array, farthest: Array, face: Array) -> tuple[Array, Array]:
         rays = lax.cond(within, lambda *_: jnp.int32(-1), once(meet), box, farthest)
@@ -81,11 +82,8 @@ def _rays_in(tree: Tree, origin: Numbers, inverse: Numbers, places: list[Array])
 
 def _faces_in(tree: Tree, hull: Callable[..., tuple[Array, Array]], places: list[Array], leaf: Array) -> Array:
     """Return one bit for each face of a leaf that the hull meets."""
-    at, sides = leaf_at(tree, leaf), []
-    for k in places:
-        a, b, c = (floats(part(tree.words, at + (k & 56) + 8 * corner)) for corner in range(3))
-        sides += [least(least(a, b), c), most(most(a, b), c)]
-    return mask(hull(*sides)[1] & (part(tree.words, at + 72) >= 0))
+    there = part(tree.words, leaf_at(tree, leaf) + 72) >= 0
+    return mask(hull(*leaf_boxes(tree, leaf, places))[1] & there)
 
 
 def _by_ray(any_hit: bool, tree: Tree, rays: Numbers, places: list[Array]) -> Callable[..., tuple[Array, Array]]:
@@ -104,12 +102,9 @@ def _by_ray(any_hit: bool, tree: Tree, rays: Numbers, places: list[Array]) -> Ca
 
 def _by_face(any_hit: bool, tree: Tree, rays: Numbers, places: list[Array]) -> Callable[..., tuple[Array, Array]]:
     """Return the test of the faces in a mask, one after another, against all rays."""
-    ox, oy, oz, *slopes = rays
 
     def distances(leaf: Array, slot: Array) -> Array:
-        at = leaf_at(tree, leaf) + (slot & 7).astype(jnp.uint32)
-        corners = [[floats(part(tree.words, at + (k & 56) + 8 * corner, 1)) for k in places] for corner in range(3)]
-        return hit_distance([shear(x - ox, y - oy, z - oz, *slopes, wide=tree.wide) for x, y, z in corners])
+        return leaf_distances(tree, leaf, places, rays, slot)
 
     def one(leaf: Array, slot: Array, farthest: Array, face: Array) -> tuple[Array, Array]:
         t = once(distances)(leaf, slot)

@@ -39,7 +39,7 @@ def any_hit(tree: Tree, origin: Array, direction: Array, farthest: Array) -> Arr
 
 def _alone(any_hit: bool, tree: Tree, o: Array, d: Array, farthest: Array) -> tuple[Array, Array]:
     """Return (distance, face) of one ray."""
-    return walk_alone(any_hit, tree, *once(ray_rows)(o, d), farthest)
+    return walk_alone(any_hit, tree, *once(partial(ray_rows, tree.balls))(o, d), farthest)
 
 
 def _together(any_hit: bool, tree: Tree, o: Array, d: Array, farthest: Array) -> tuple[Array, Array]:
@@ -113,7 +113,7 @@ def _packet_or_singles(any_hit: bool, tree: Tree, o: Array, d: Array, farthest: 
 
 def _singles(any_hit: bool, tree: Tree, o: Array, d: Array, distance: Array, face: Array) -> tuple[Array, Array]:
     """Return (distance, face) after the lanes marked ALONE have walked, one by one."""
-    rays, places = (x.ravel() for x in once(ray_rows)(o, d))
+    rays, places = (x.ravel() for x in once(partial(ray_rows, tree.balls))(o, d))
 
     def single(lane: Array, distance: Array, face: Array) -> tuple[Array, Array]:
         row, at = once(lambda a, b, i: (part(a, i * RAY, RAY), part(b, i * 3, 3)))(rays, places, lane)

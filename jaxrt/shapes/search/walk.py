@@ -14,12 +14,15 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.core.maths import unit_roundoff
+from jaxrt.core.records import Ray
 from jaxrt.kernels.native import once
 from jaxrt.shapes.edges import along_axis, hit_distance, main_axis, shear
+from jaxrt.shapes.roots import root_distance
 from jaxrt.shapes.search.boxes import LEAF, NODE, Tree
 from jaxrt.shapes.search.bvh import WIDTH
 from jaxrt.shapes.search.order import bits, floats, least, least_of_eight, most
@@ -171,12 +174,15 @@ def places_of(axis: Array) -> list[Array]:
     return [24 * jnp.where(axis + k > 2, axis + k - 3, axis + k).astype(jnp.uint32) for k in (1, 2, 0)]
 
 
-def ray_rows(o: Array, d: Array) -> tuple[Array, Array]:
+def ray_rows(balls: bool, o: Array, d: Array) -> tuple[Array, Array]:
     """Return what a walk reads of rays (3, …): numbers (…, 12) and `places_of` their axes (…, 3)."""
     axis = main_axis(d)
-    dx, dy, dz = along_axis(axis, d)
-    row = jnp.stack([*o, *(1 / nonzero(d)), *along_axis(axis, o), dx / dz, dy / dz, 1 / dz], -1)
-    return row, jnp.stack(places_of(axis), -1)
+    if balls:
+        own = [*o, *d]
+    else:
+        dx, dy, dz = along_axis(axis, d)
+        own = [*along_axis(axis, o), dx / dz, dy / dz, 1 / dz]
+    return jnp.stack([*o, *(1 / nonzero(d)), *own], -1), jnp.stack(places_of(axis), -1)
 
 
 def slabs(low: Rows, high: Rows, origin: Rows, inverse: Rows) -> tuple[Array, Array]:
@@ -208,11 +214,38 @@ def walk_alone(any_hit: bool, tree: Tree, ray: Array, places: Array, farthest: A
     return walk(tree, boxes, leaf, farthest)
 
 
-def leaf_distances(tree: Tree, leaf: Array, places: list[Array], ray: list[Array]) -> Array:
-    """Return the distances (8,) of a leaf's faces from one ray: origin and slopes along its axis, () or (1,) each."""
-    at = leaf_at(tree, leaf)
-    corners = [[floats(part(tree.words, at + (places[k] & 56) + 8 * c)) - ray[k] for k in range(3)] for c in range(3)]
+def leaf_distances(tree: Tree, leaf: Array, places: list[Array], ray: Rows, slot: Array | None = None) -> Array:
+    """Return the distances of a leaf's eight faces from one ray, or of one face in a slot from many.
+
+    ray: origin and slopes along its axis, of spheres origin and direction; () or (1,) each, or (lanes,).
+    """
+    at, size = leaf_at(tree, leaf), WIDTH
+    if slot is not None:
+        at, size = at + (slot & 7).astype(jnp.uint32), 1
+    if tree.balls:
+        numbers = [floats(part(tree.words, at + 8 * k, size)) for k in range(8)]
+        center, base, (o, d) = jnp.stack(numbers[:3]), jnp.stack(numbers[4:7]), map(jnp.stack, (ray[:3], ray[3:]))
+        spheres = center, numbers[3], base, center - base, numbers[7]
+        if slot is not None:
+            return jax.vmap(root_distance, (None, -1))(jax.tree.map(lambda x: x[..., 0], spheres), Ray(o, d))
+        return jax.vmap(root_distance, (-1, None))(spheres, Ray(o.reshape(3), d.reshape(3)))
+    corners = [
+        [floats(part(tree.words, at + (places[k] & 56) + 8 * c, size)) - ray[k] for k in range(3)] for c in range(3)
+    ]
     return hit_distance([shear(x, y, z, *ray[3:], wide=tree.wide) for x, y, z in corners])
+
+
+def leaf_boxes(tree: Tree, leaf: Array, places: list[Array]) -> list[Array]:
+    """Return least and largest numbers of a leaf's faces along the axes that `places` names, (8,) each."""
+    at, sides = leaf_at(tree, leaf), []
+    for k in places:
+        if tree.balls:
+            middle, radius = (floats(part(tree.words, at + row)) for row in (k // 3 & 24, 24))
+            sides += [middle - radius, middle + radius]
+        else:
+            a, b, c = (floats(part(tree.words, at + (k & 56) + 8 * corner)) for corner in range(3))
+            sides += [least(least(a, b), c), most(most(a, b), c)]
+    return sides
 
 
 def closest(any_hit: bool, tree: Tree, leaf: Array, t: Array, farthest: Array, face: Array) -> tuple[Array, Array]:
