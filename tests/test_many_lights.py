@@ -151,10 +151,10 @@ def test_derivatives_with_edges_are_those_of_the_closed_form() -> None:
     weight = jnp.asarray((np.arange(16) + 0.5) / 8 - 1, jnp.float32)
 
     def moment(step: jax.Array, key: jax.Array, edges: int) -> jax.Array:
-        moved = {"lights.position": jaxrt.parameters(scene)["lights.position"] + step * AXES[0]}
+        moved = {"lights.position": jaxrt.parameters(scene)["lights.position"] + step * AXES[:1]}
         options = dict(spp=256, max_depth=1, boundary_samples=edges, devices=jax.devices()[:1])
         picture = jaxrt.render(jaxrt.with_parameters(scene, moved), key, **options)
-        return jnp.mean(picture[..., 0] * weight)
+        return jnp.mean(picture[..., 0] * weight[None])
 
     def slopes(edges: int) -> tuple[np.ndarray, np.ndarray]:
         f = jax.jit(lambda key: jax.jvp(lambda step: moment(step, key, edges), (jnp.zeros(()),), (jnp.ones(()),)))
