@@ -23,14 +23,14 @@ ALONE = (
 PATIENCE = 90.0  # seconds that the others have to notice a loss and to keep their work
 LEAVING = 10.0  # seconds in which all end once rank 0 has
 SSH = ("ssh", "-o", "BatchMode=yes", "-o", "ServerAliveInterval=10", "-o", "ServerAliveCountMax=3")
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()))
 
 
 def launch(hosts: Sequence[str], words: Sequence[str]) -> int:
     """Run `jaxrt` with these words on each host, `--hosts` last, and return the exit status of the first.
 
     The first host is this one; processes on it are its own, those on others ssh's. Where one is lost, says on stderr
-    which, and returns `LOST` unless the first host tells more.
+    which, and returns `LOST` where that is the first.
     """
     address = f"{hosts[0].rpartition('@')[2]}:{_free_port()}"
     children: list[subprocess.Popen[bytes]] = []
@@ -57,7 +57,7 @@ def launch(hosts: Sequence[str], words: Sequence[str]) -> int:
     first, lost = children[0].returncode, _lost(ended, len(hosts))
     for rank in lost:
         print(f"jaxrt: error: host {rank} of {len(hosts)} ({hosts[rank]}) {_fate(ended.get(rank))}", file=sys.stderr)
-    return LOST if lost and first in ALONE or first < 0 else first
+    return LOST if first < 0 else first
 
 
 def remote(host: str, command: Sequence[str]) -> list[str]:

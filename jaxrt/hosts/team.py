@@ -3,6 +3,7 @@
 On CPUs the exchange is gloo's, over TCP.
 """
 
+import atexit
 import os
 import threading
 from collections.abc import Callable
@@ -41,6 +42,7 @@ class Team:
 
     def __post_init__(self) -> None:
         """Begin to look for lost hosts: in a thread, for another may wait for ever for what they were to send."""
+        atexit.register(self._ended.set)  # before JAX parts from the others, which would look like a loss
         self._watcher = threading.Thread(target=self._look, daemon=True)
         self._watcher.start()
 
@@ -58,11 +60,12 @@ class Team:
         return tuple(self.gather(np.array(numbers, np.int32))[0].tolist())
 
     def leave(self, *last: int) -> None:
-        """Miss nobody from now on. Rank 0 says a last time what it has, and goes last: the others need it to part."""
+        """Miss nobody from now on. Rank 0 says its last numbers, if any, and goes last: the others need it to part."""
         self._ended.set()
         if self.rank == 0:
             with suppress(Exception):
-                self.first_says(*last)
+                if last:
+                    self.first_says(*last)
             self._watcher.join(2 * SILENCE)
 
     def _look(self) -> None:
@@ -85,7 +88,7 @@ class Team:
         except multihost_utils.ProcessFailureError as error:
             return {device.process_index for device in error.failed_devices}
         except Exception:  # of many types: who is there is known to rank 0, which does not answer
-            return set(range(self.count)) - {self.rank} if self._ended.is_set() else {0}
+            return set(range(self.count)) - {self.rank} if self._ended.is_set() or self.rank == 0 else {0}
 
 
 def join(seat: Seat, lost: Lost) -> Team:

@@ -14,13 +14,14 @@ import numpy as np
 from jax import Array, lax
 from jax.typing import DTypeLike
 
-from jaxrt.core.maths import dot, safe_divide
+from jaxrt.core.maths import dot, safe_divide, unit_roundoff
 from jaxrt.core.pytree import dtype_of, pytree, static
 from jaxrt.core.records import LightSample
 from jaxrt.description.kinds import LIGHTS
 from jaxrt.kernels.gather import take
 from jaxrt.lights.interface import Pair, picked
-from jaxrt.lights.pick import pick, shares_of
+from jaxrt.lights.near import MANY, Groups, groups_of, neighbours, pick_near, share_near
+from jaxrt.lights.pick import pick, share_by_power, shares_of
 
 __all__ = [
     "LightTable",
@@ -34,6 +35,7 @@ __all__ = [
     "row_of",
     "sample_light",
     "sample_light_attached",
+    "share_at",
     "share_of",
     "shines_from_afar",
     "sky_radiance",
@@ -52,6 +54,7 @@ class Lights:
     radius: Array | None  # (n,) scene units, >= 0
     others: tuple[Any, ...] = ()  # of each other kind that is there, a row a light
     rows: tuple[int, ...] = static(default=())  # how many these are
+    order: Any = None  # (n,) int32 the spherical ones by their groups, where they are many
 
     @property
     def kinds(self) -> tuple[tuple[Any, int], ...]:
@@ -106,7 +109,9 @@ def lights_of(tables: Sequence[Any], dtype: DTypeLike, origin: np.ndarray) -> Li
     # Those that cast shadows of known edges come first
     names = sorted(kinds, key=lambda name: not hasattr(kinds[name], "position"))
     others, rows = tuple(kinds[name] for name in names), tuple(len(found[name]) for name in names)
-    return Lights(ours[0], ours[1], ours[2], others, rows) if tables else None
+    many = own is not None and len(own.position) > MANY
+    order = jnp.asarray(neighbours(np.asarray(own.position))) if many else None
+    return Lights(ours[0], ours[1], ours[2], others, rows, order) if tables else None
 
 
 def _is_sphere(kind: Any) -> bool:
@@ -119,11 +124,19 @@ class LightTable:
 
     lights: Lights
     pick: Array | None  # (n,) cumulative probability of each light, by power; None when there is one light
+    groups: Groups | None = None  # of the spherical lights, where they are many
 
 
 def light_table(lights: Lights) -> LightTable:
-    """Return the lights with the probabilities to pick them: by power, equal where all are dark. No derivative."""
-    return LightTable(lights, None if lights.count == 1 else shares_of(powers_of(lights)))
+    """Return the lights with the probabilities to pick them: by power, equal where all are dark. No derivative.
+
+    Among many spherical lights, it is distance that chooses too.
+    """
+    by_power = None if lights.count == 1 else shares_of(powers_of(lights))
+    if lights.order is None:
+        return LightTable(lights, by_power)
+    share = share_by_power(lights.spheres.power())
+    return LightTable(lights, by_power, groups_of(lights.position, share, lights.order))
 
 
 def powers_of(lights: Lights) -> Array:
@@ -154,7 +167,7 @@ def sample_light_attached(table: LightTable, point: Array, u: Pair) -> LightSamp
 
 
 def _sample(table: LightTable, point: Array, u: Pair, attached: bool) -> LightSample:
-    light, share, u0 = pick(table.pick, u[0])
+    light, share, u0 = _chosen(table, point, u[0])
     found: Any = None
     for kind, first, n in table.lights.numbered():
         one = row_of(kind, light if len(table.lights.kinds) == 1 else jnp.clip(light - first, 0, n - 1))
@@ -162,6 +175,25 @@ def _sample(table: LightTable, point: Array, u: Pair, attached: bool) -> LightSa
         found = sample if found is None else jax.tree.map(partial(jnp.where, light >= first), sample, found)
     direction, distance, irradiance = found
     return LightSample(direction, distance, irradiance, light)
+
+
+def _chosen(table: LightTable, point: Array, u: Array) -> tuple[Array, Array, Array]:
+    """Return (light, its probability, the number u made uniform again) for a point."""
+    if table.groups is None:
+        return pick(table.pick, u)
+    if not table.lights.others:
+        return pick_near(table.groups, point, u)
+    # Spherical lights, which are numbered first, have their share by power together
+    bound = _share_of_spheres(table)
+    light, share, rest = pick_near(table.groups, point, jnp.clip(u / bound, 0, 1 - 2 * unit_roundoff(u)))
+    others = pick(table.pick, u)
+    near = (light, share * bound, rest)
+    return jax.tree.map(partial(jnp.where, u < bound), near, others)
+
+
+def _share_of_spheres(table: LightTable) -> Array:
+    assert table.pick is not None
+    return table.pick[table.lights.position.shape[0] - 1]
 
 
 def row_of(kind: Any, row: Array) -> Any:
@@ -227,8 +259,19 @@ def sky_radiance(table: LightTable, direction: Array, pdf: Array | None = None) 
     return total
 
 
+def share_at(table: LightTable, light: Array, point: Array) -> Array:
+    """Return the probability () with which light samples for a point look at a light."""
+    if table.groups is None:
+        return share_of(table, light)
+    n = table.lights.position.shape[0]
+    near = share_near(table.groups, point, jnp.minimum(light, n - 1))
+    if not table.lights.others:
+        return near
+    return jnp.where(light < n, near * _share_of_spheres(table), share_of(table, light))
+
+
 def share_of(table: LightTable, light: Array) -> Array:
-    """Return the probability () with which light samples look at a light."""
+    """Return the probability () with which light samples look at a light: of one at infinity, for every point."""
     if table.pick is None:
         return jnp.ones((), dtype_of(table))
     return take(table.pick, light) - jnp.where(light > 0, take(table.pick, jnp.maximum(light - 1, 0)), 0)

@@ -6,7 +6,7 @@ from jax import Array, lax
 from jaxrt.core.maths import dot, safe_divide
 from jaxrt.core.sampling import cone_of_sphere, pdf_cone
 from jaxrt.kernels.gather import take
-from jaxrt.lights import LightTable, row_of, share_of
+from jaxrt.lights import LightTable, row_of, share_at
 
 
 def light_density(table: LightTable, light: Array, point: Array, direction: Array) -> Array:
@@ -25,4 +25,4 @@ def light_density(table: LightTable, light: Array, point: Array, direction: Arra
     for kind, first, n in lights.skies():
         own = row_of(kind, jnp.clip(light - first, 0, n - 1)).pdf(direction)
         density = jnp.where((light >= first) & (light < first + n), own, density)
-    return lax.stop_gradient(density * share_of(table, jnp.clip(light, 0, lights.count - 1)))
+    return lax.stop_gradient(density * share_at(table, jnp.clip(light, 0, lights.count - 1), point))

@@ -11,14 +11,15 @@ def shares_of(power: Array) -> Array | None:
 
     Equal where all are dark.
     """
-    n = power.shape[0]
-    if n == 1:
-        return None
+    return None if power.shape[0] == 1 else jnp.cumsum(share_by_power(power)).at[-1].set(1)
+
+
+def share_by_power(power: Array) -> Array:
+    """Return the shares (n,) of lights of such powers (n,). No derivative."""
     power = lax.stop_gradient(power)
     power = jnp.where(jnp.sum(power) > 0, power, 1)
     # A light of no power keeps a small chance, so that its intensity has a derivative
-    share = 0.99 * power / jnp.sum(power) + 0.01 / n
-    return jnp.cumsum(share).at[-1].set(1)
+    return 0.99 * power / jnp.sum(power) + 0.01 / power.shape[0]
 
 
 def pick(shares: Array | None, u: Array) -> tuple[Array, Array, Array]:
