@@ -84,6 +84,24 @@ WALLS = {
     "back": ([0, 0, -1000], 940, [0.2, 0.8, 0.8]),
     "front": ([0, 0, 1000], 940, [0.8, 0.2, 0.8]),
 }
+# The room with a ball in it, before each camera: its keys, and which of its numbers move by which step
+CAMERAS: dict[str, tuple[Description, dict[str, float]]] = {
+    "pinhole": ({"fov": 60}, {"roll": 0.5, "rotate": 0.5}),
+    "calibrated": (
+        {"size": [64, 64], "fx": 58, "fy": 55, "cx": 33, "cy": 31, "k1": -0.15, "k2": 0.05, "p1": 0.01, "p2": -0.01},
+        {"fx": 0.5, "fy": 0.5, "cx": 0.25, "cy": 0.25, "k1": 0.01, "k2": 0.02, "p1": 0.005, "p2": 0.005, "roll": 0.5},
+    ),
+    "orthographic": (
+        {"position": [5, 25, 52], "target": [0, 20, 0], "tall": 60},
+        {"tall": 0.5, "position": 0.5, "roll": 0.5},
+    ),
+    "fisheye": ({"angle": 140}, {"angle": 1.0, "position": 0.5, "roll": 0.5}),
+    "equirectangular": ({}, {"position": 0.5, "rotate": 0.5}),
+    "thin_lens": (
+        {"fov": 60, "focus": 60, "aperture": 6},
+        {"focus": 2.0, "aperture": 0.5, "position": 0.5, "roll": 0.5},
+    ),
+}
 CORNER = quad([-3, 0, -2], [0, 0, 5], [6, 0, 0], "grey") + quad([-3, 0, -2], [6, 0, 0], [0, 4, 0], "blue")
 
 SCENES: dict[str, Description] = {
@@ -209,6 +227,12 @@ SCENES: dict[str, Description] = {
     ),
 }
 
+for kind, (own, _) in CAMERAS.items():
+    here = SCENES["room of balls"]
+    stands = {"type": kind, "position": [0, 0, 52], "target": [0, 0, 0]}
+    balls = [*here["spheres"], ball("ball", "right", [-8, -1, 0], 8)]
+    SCENES[f"room, {kind}"] = {**here, "camera": {**stands, **own}, "spheres": balls}
+
 
 class Row(NamedTuple):
     """One derivative, and how far it may be from finite differences."""
@@ -278,6 +302,16 @@ def crossing_rows() -> list[Row]:
     return rows + [Row(f"two boxes that overlap, {k}", "two boxes", "meshes.vertices[first]", k, 0.03) for k in "xy"]
 
 
+def camera_rows() -> list[Row]:
+    """Return what each camera's own numbers move: corners of a room of balls, an outline, a shadow."""
+    return [
+        Row(f"room before a {kind} camera, {name}", f"room, {kind}", f"camera.{name}", motion, 0.03, step)
+        for kind, (_, steps) in CAMERAS.items()
+        for name, step in steps.items()
+        for motion in ("x" if name in ("position", "rotate") else "one",)
+    ]
+
+
 def chain_rows() -> list[Row]:
     """Return what is seen in mirrors and through glass, and the indirect light of a moved ball."""
     ball = "spheres.center[ball]"
@@ -337,4 +371,4 @@ def other_rows() -> list[Row]:
 
 def rows() -> list[Row]:
     """Return all rows, cheap ones first."""
-    return [*crossing_rows(), *sky_rows(), *chain_rows(), *other_rows()]
+    return [*crossing_rows(), *camera_rows(), *sky_rows(), *chain_rows(), *other_rows()]

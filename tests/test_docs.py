@@ -115,15 +115,12 @@ def test_own_kinds_snippet() -> None:
             family.kinds.pop(name, None)
 
 
-def test_cameras_snippets_and_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cameras_snippets(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     names: dict[str, Any] = {}
     for snippet in blocks("docs/cameras.md", "python"):
         exec(snippet, names)
     assert float(jaxrt.parameters(names["tilted"])["camera.roll"]) == 10
-    for name in CAMERAS.kinds:
-        picture = f"cameras/{name}.png"
-        assert f"({picture})" in (ROOT / "docs/cameras.md").read_text() and (ROOT / "docs" / picture).exists(), picture
 
 
 def test_pages_tell_of_every_kind_and_field() -> None:
