@@ -4,6 +4,7 @@ import math
 import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -23,15 +24,20 @@ class Stage(NamedTuple):
     share: int  # one in so many of the samples
     enough: float  # relative gain of a step that ends the stage
     patience: int  # steps without gain that end it: a finer stage looks better than a shorter step
+    blur: float  # of the pictures, where outlines move: standard deviation as a share of the shorter side
 
 
-STAGES = (Stage(16, 3e-2, 2), Stage(4, 1e-2, 2), Stage(1, 1e-3, 4))
+STAGES = (Stage(16, 3e-2, 2, 0.1), Stage(4, 1e-2, 2, 0.03), Stage(1, 1e-3, 4, 0.0))
 DONE = len(STAGES) + 1  # number of stages, with the last steps of `_polish`
 SLOW = 2  # steps of little gain that end a stage
 POLISH = 4  # steps at the end that take the bias of one set of samples away
 LARGEST_MOVE = 1.0  # component of such a step
 TINY = 1e-7  # singular value of JᵀJ, of the largest, that is taken for zero
 TRIAL_BOX = 0.5  # other starts lie within so many scene sizes of the given one
+TRIAL_SHAPES = 0.1  # where outlines move, which must overlap, within such a share of that
+TRIAL_TURN = 0.7  # radians, about each axis
+FINALISTS = 4  # of the starts
+TRIAL_STEPS = 6  # that they take before one is chosen
 USUAL = 5  # steps of a stage, to tell the time left
 FIXED = 4  # what a step costs besides its samples and edge samples, in samples a pixel
 
@@ -86,7 +92,7 @@ def descend(
     The arguments are those of `jaxrt.fit`. Raises FitError where a picture or a derivative is not finite.
     """
     start = machine.start
-    now = resume or Progress(0, 0, choose_start(machine, starts, spp, seed), math.inf, ())
+    now = resume or _begin(machine, starts, spp, seed)
     clock, interrupted = _Clock(machine, spp, max_steps), 0
     try:
         for look, after in _steps(machine, now, spp, seed, max_steps):
@@ -109,7 +115,8 @@ def _samples(spp: int, stage: int) -> int:
 def _steps(machine: Machine, now: Progress, spp: int, seed: int, max_steps: int) -> Iterator[tuple[Look, Progress]]:
     """Yield each step of all stages, and where the fit stands after it."""
     while now.stage < len(STAGES) and now.step < max_steps:
-        looks = machine.steps(now.vector, seed, _samples(spp, now.stage), now.step_size)
+        stage = STAGES[now.stage]
+        looks = machine.steps(now.vector, seed, _samples(spp, now.stage), now.step_size, stage.blur)
         if now.step_size is not None:
             next(looks)  # where the fit stood already
         for look in looks:
@@ -194,19 +201,50 @@ def _instrumental(jacobian: Floats, instrument: Floats) -> Floats:
     return np.linalg.pinv(other.T @ here, rcond=TINY) @ other.T
 
 
-def choose_start(machine: Machine, starts: int, spp: int, seed: int) -> Vector:
-    """Return the vector of the least loss among the scene's own and `starts` − 1 with places drawn around it."""
-    start = machine.start
+def _begin(machine: Machine, starts: int, spp: int, seed: int) -> Progress:
+    """Return where the first step is taken from: the scene's own start, or the best of `starts`."""
+    begun = Progress(0, 0, machine.start, math.inf, ())
     if starts == 1:
-        return start
-    labels = machine.problem.unknowns
-    places = np.concatenate([np.full(row.size, row.kind == "place") for row in labels.rows])
-    rng = np.random.default_rng(seed)
-    moves = rng.uniform(-TRIAL_BOX, TRIAL_BOX, (starts, len(places))) * places
+        return begun
+    if machine.problem.blurs:
+        return begun._replace(stage=1, vector=_nearest_outlines(machine, starts, spp, seed))
+    trials = machine.start + _moves(machine, starts, seed)
+    losses = [np.sum(machine.evaluate(trial, seed, _samples(spp, 0))[0] ** 2) for trial in trials]
+    return begun._replace(vector=trials[int(np.argmin(losses))])
+
+
+def _nearest_outlines(machine: Machine, starts: int, spp: int, seed: int) -> Vector:
+    """Return the start whose outlines are the nearest, some steps down.
+
+    Places are found by the blurred pictures of the first stage, whichever way things are turned. There they are turned
+    in other ways, and of those that look best in the pictures of the second stage, the best few go some steps down:
+    what is turned the wrong way may look nearest at first.
+    """
+    start, (first, second) = machine.start, STAGES[:2]
+    blurred = machine.steps(start, seed, _samples(spp, 0), None, first.blur)
+    there = next(islice(blurred, TRIAL_STEPS - 1, None)).vector
+    base = np.where(_are(machine, "turn"), start, there) if _are(machine, "turn").any() else start
+    trials = [there, *(base + _moves(machine, starts, seed))[1:]]
+    looks = [machine.steps(trial, seed, _samples(spp, 1), None, second.blur) for trial in trials]
+    order = np.argsort([next(look).loss for look in looks], kind="stable")
+    ends = [next(islice(looks[i], TRIAL_STEPS - 1, None)) for i in order[:FINALISTS]]
+    return min(ends, key=lambda look: look.loss).vector
+
+
+def _moves(machine: Machine, starts: int, seed: int) -> Vector:
+    """Return by how much other starts (starts, k) are moved and turned, the first not at all."""
+    widths = TRIAL_BOX * _are(machine, "place", "shift")
+    if machine.problem.blurs:
+        turns = _are(machine, "turn")
+        widths = TRIAL_TURN * turns if turns.any() else TRIAL_SHAPES * widths
+    moves = np.random.default_rng(seed).uniform(-1, 1, (starts, len(widths))) * widths
     moves[0] = 0
-    trials = [start + move.astype(start.dtype) for move in moves]
-    losses = [np.sum(machine.evaluate(trial, seed, max(1, spp // STAGES[0].share))[0] ** 2) for trial in trials]
-    return trials[int(np.argmin(losses))]
+    return moves.astype(machine.start.dtype)
+
+
+def _are(machine: Machine, *kinds: str) -> NDArray[np.bool_]:
+    """Return which components (k,) are of unknowns of these kinds."""
+    return np.concatenate([np.full(row.size, row.kind in kinds) for row in machine.problem.unknowns.rows])
 
 
 def _judged(machine: Machine, start: Vector, now: Progress, spp: int, seed: int, interrupted: int) -> Found:
@@ -217,7 +255,7 @@ def _judged(machine: Machine, start: Vector, now: Progress, spp: int, seed: int,
     if np.sum(before[0][0] * before[0][1]) < np.sum(now_there[0][0] * now_there[0][1]):
         now, now_there = now._replace(vector=start), before
     (residual, again), (jacobian, _) = now_there
-    places = np.concatenate([np.full(row.size, row.kind == "place") for row in problem.unknowns.rows])
+    places = _are(machine, "place", "shift")
     verdict = judge((residual, again), jacobian, problem.unknowns.labels(), places)
     target = np.asarray(problem.target * problem.weight, float)
     pictures = before[0][0] * problem.scale + target, residual * problem.scale + target

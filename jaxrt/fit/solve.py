@@ -75,6 +75,11 @@ class Problem:
         return EDGES_PER_PIXEL * self.target.shape[0] * self.target.shape[1] if known else 0
 
     @property
+    def blurs(self) -> bool:
+        """Return whether outlines move, which overlap in blurred pictures long before they do in sharp ones."""
+        return any(moves_shapes(row.selector.name) for row in self.unknowns.rows)
+
+    @property
     def scale(self) -> float:
         """Return the root of the target's sum of squares, in whose units residuals are."""
         total = float(jnp.sum((self.target * self.weight) ** 2))
@@ -100,7 +105,7 @@ class Machine:
         solver: Any = optimistix.LevenbergMarquardt(rtol=0.0, atol=0.0)
         search: Any = optimistix.ClassicalTrustRegion(low_constant=SHORTER)
         solver = equinox.tree_at(lambda solver: solver.search, solver, search)
-        arguments, nothing = self._arguments(0, 1), frozenset[object]()
+        arguments, nothing = self._arguments(0, 1, 0.0), frozenset[object]()
         outputs = jax.eval_shape(residual, self.start, arguments)
         fresh = solver.init(residual, self.start, arguments, {}, *outputs, nothing)
         arrays, program = equinox.partition(fresh, equinox.is_array)
@@ -123,27 +128,35 @@ class Machine:
         other._constants = (problem.scene, problem.target, problem.weight * (GAIN / problem.scale))
         return other
 
-    def _arguments(self, seed: int, spp: int) -> tuple[Any, Any, Any]:
-        return self._constants, np.uint32(seed), np.int32(spp)
+    def _arguments(self, seed: int, spp: int, blur: float) -> tuple[Any, Any, Any, Any]:
+        height, width, _ = self.problem.target.shape
+        pixels = blur * min(height, width)
+        filters = tuple(_gaussian(size, pixels, self.start.dtype) for size in (height, width))
+        return self._constants, np.uint32(seed), np.int32(spp), filters if self.problem.blurs else None
 
-    def _from(self, vector: Vector, seed: int, spp: int, step_size: float | None) -> Iterator[tuple[Vector, Any]]:
+    def _from(
+        self, vector: Vector, seed: int, spp: int, step_size: float | None, blur: float
+    ) -> Iterator[tuple[Vector, Any]]:
         """Yield the best vector and the solver's state after each step, the first of which only looks at `vector`."""
         y, fresh = np.asarray(vector, self.start.dtype), self._fresh
         size = fresh.search_state.step_size if step_size is None else np.asarray(step_size, self.start.dtype)
         search = fresh.search_state.__class__(step_size=size)
         state = fresh.__class__(**(vars(fresh) | {"y_eval": y, "search_state": search}))
         while True:
-            y, state = jax.tree.map(np.asarray, self._step(y, self._arguments(seed, spp), state))
+            y, state = jax.tree.map(np.asarray, self._step(y, self._arguments(seed, spp, blur), state))
             yield y, state
 
-    def steps(self, vector: Vector, seed: int, spp: int, step_size: float | None = None) -> Iterator[Look]:
+    def steps(
+        self, vector: Vector, seed: int, spp: int, step_size: float | None = None, blur: float = 0.0
+    ) -> Iterator[Look]:
         """Yield what each step shows, from `vector` on, for ever; the first only looks at `vector`.
 
-        step_size: None is the solver's own. Raises FitError where a picture is not finite: comparisons with NaN would
-        reject every step, and look converged.
+        step_size: None is the solver's own. blur: standard deviation, as a share of the picture's shorter side, of the
+        Gaussian that blurs pictures, where the problem `blurs`. Raises FitError where a picture is not finite:
+        comparisons with NaN would reject every step, and look converged.
         """
         count = 0
-        for y, state in self._from(vector, seed, spp, step_size):
+        for y, state in self._from(vector, seed, spp, step_size, blur):
             if not np.isfinite(state.y_eval).all():
                 raise FitError(f"fit: no finite step from {self.problem.unknowns.values(y)}: check scene and target")
             accepted, count = int(state.num_accepted_steps) > count, int(state.num_accepted_steps)
@@ -157,7 +170,7 @@ class Machine:
 
         Raises FitError where they are not finite.
         """
-        _, state = next(self._from(vector, seed, spp, None))
+        _, state = next(self._from(vector, seed, spp, None, 0.0))
         residual, jacobian = (x.astype(float) / GAIN for x in state.aux)
         if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
             where = self.problem.unknowns.values(vector)
@@ -172,18 +185,36 @@ def _linear_model(
     sampler: str,
     edges: int,
     vector: Array,
-    arguments: tuple[Any, Array, Array],
+    arguments: tuple[Any, Array, Array, Any],
 ) -> tuple[Array, tuple[Array, Array]]:
     """Return the residual (n,) as a function of `vector`, linear around it, and (residual, Jacobian)."""
-    (scene, target, weight), seed, spp = arguments
+    (scene, target, weight), seed, spp, filters = arguments
 
     def residual(vector: Array) -> Array:
         picture = picture_of(unknowns.apply(scene, vector), seed, spp, max_depth, sampler, edges)
-        return ((picture - target) * weight).ravel()
+        return _blurred((picture - target) * weight, filters).ravel()
 
     here = lax.stop_gradient(vector)
     value, jacobian = value_and_jacobian(residual, here)
     return value + jnp.matmul(jacobian, vector - here, precision=lax.Precision.HIGHEST), (value, jacobian)
+
+
+def _gaussian(size: int, width: float, dtype: Any) -> Vector:
+    """Return the matrix (size, size) that blurs along one axis; its rows add up to 1."""
+    if width <= 0:
+        return np.eye(size, dtype=dtype)
+    steps = np.arange(size)[:, None] - np.arange(size)
+    weights = np.exp(-0.5 * (steps / width) ** 2)
+    return (weights / weights.sum(axis=1, keepdims=True)).astype(dtype)
+
+
+def _blurred(picture: Array, filters: tuple[Array, Array] | None) -> Array:
+    """Return the picture (height, width, 3), blurred by matrices for both axes, or as it is."""
+    if filters is None:
+        return picture
+    rows, columns = filters
+    exact = partial(jnp.einsum, precision=lax.Precision.HIGHEST)
+    return exact("ij,kjc->kic", columns, exact("ij,jkc->ikc", rows, picture))
 
 
 def picture_of(scene: Scene, seed: Array, spp: Array, max_depth: int | None, sampler: str, edges: int) -> Array:

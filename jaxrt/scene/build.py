@@ -40,9 +40,9 @@ def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = 
     if not isinstance(description, SceneDescription):
         description = parse_description(description)
     check_memory(description.camera.width, description.camera.height)
-    described, description = description, description.flat
     for message in warnings_of(description):
         warnings.warn(message, SceneWarning, stacklevel=2)
+    described, description = description, description.flat
     origin = description.origin
     listed = list_materials(description, dtype, origin)
     environment = description.environment
