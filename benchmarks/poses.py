@@ -1,6 +1,6 @@
 """A mug's pose from one picture: from how many random starts it is found, and what its standard errors are worth.
 
-    python -m benchmarks.poses [--fits 100] [--starts 6] [--size 32] [--spp 32]
+    python -m benchmarks.poses [--fits 100] [--starts 16] [--size 32] [--spp 32]
 
 Each fit has another pose, handle in view, and begins turned by up to 40° about a random axis and moved by up to a fifth
 of what the camera sees across. The target has another seed and four times the samples. Found is what ends within 1° and
@@ -10,6 +10,7 @@ of what the camera sees across. The target has another seed and four times the s
 import argparse
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -97,8 +98,7 @@ def fits(count: int, starts: int, size: int, spp: int) -> Iterator[Result]:
 
 
 def _machine(scene: jaxrt.Scene, target: jnp.ndarray) -> Machine:
-    from dataclasses import replace
-
+    """Return the machine of the first fit, compiled."""
     height, width, _ = target.shape
     scene = replace(scene, camera=replace(scene.camera, width=width, height=height))
     machine = Machine(Problem(scene, sought(scene, NAMES), target, jnp.ones_like(target), 1))
@@ -109,7 +109,7 @@ def _machine(scene: jaxrt.Scene, target: jnp.ndarray) -> Machine:
 def main() -> None:
     """Print a line for each fit, and what all of them come to."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for name, value in (("fits", 100), ("starts", 6), ("size", 32), ("spp", 32)):
+    for name, value in (("fits", 100), ("starts", 16), ("size", 32), ("spp", 32)):
         parser.add_argument(f"--{name}", type=int, default=value)
     options = parser.parse_args()
     print(cpu_model())

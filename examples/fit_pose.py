@@ -4,7 +4,8 @@
 
 A pose is two parameters of a mesh, a place and a rotation vector, asked for by name. The mug's outline and its shadow
 tell most of them, its handle how it is turned about itself; both are edges. `jaxrt.fit` compares blurred pictures
-first, in which a mug that is half beside its place still overlaps it, and goes some steps down from several starts.
+first, in which a mug that is half beside its place still overlaps it, then turns it in other ways, and goes some steps
+down from those that look best.
 """
 
 import numpy as np
@@ -14,13 +15,13 @@ import jaxrt
 from jaxrt.description.pose import rotation_matrix, rotation_vector
 
 options = arguments(__doc__)
-size, spp, steps, starts = (8, 1, 1, 1) if options.quick else (48, 32, 40, 6)
+size, spp, steps, starts = (8, 1, 1, 1) if options.quick else (32, 32, 40, 16)
 NAMES = ("meshes.translate[mug]", "meshes.rotate[mug]")
 scene = jaxrt.load_scene("scenes/mug.toml")
 truth = {name: np.asarray(jaxrt.parameters(scene, name), float) for name in NAMES}
 target = jaxrt.render(scene, 1, spp=8 * spp, width=size, height=size)
 
-# A third of a turn of the picture's width aside, and 35° off
+# A sixth of what the camera sees aside, and 35° off
 turn = rotation_matrix(tuple(35 * np.array([0.6, 0.64, -0.48]))) @ rotation_matrix(tuple(truth[NAMES[1]]))
 start = {NAMES[0]: truth[NAMES[0]] + [-0.6, 0.4, 0.5], NAMES[1]: np.array(rotation_vector(turn))}
 guess = jaxrt.with_parameters(scene, start)
