@@ -293,7 +293,7 @@ class Plateau:
     def __init__(self, accepted: int, promise: float) -> None:
         self.accepted, self.promise = accepted, promise
 
-    def steps(self, vector: np.ndarray, seed: int, spp: int, step_size: float | None) -> Iterator[Look]:
+    def steps(self, vector: np.ndarray, seed: int, spp: int, step_size: float | None, blur: float) -> Iterator[Look]:
         for i in count():
             good = i < self.accepted
             yield Look(vector, 0.5 ** min(i, self.accepted), good, 0.5 if good else self.promise, 1.0)
