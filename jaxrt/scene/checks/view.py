@@ -40,7 +40,7 @@ def unused_materials(scene: SceneDescription) -> Iterator[str]:
 
 def unused_groups(scene: SceneDescription) -> Iterator[str]:
     """Find groups that nothing is in."""
-    named = {thing.group for thing in (*scene.spheres, *scene.meshes)}
+    named = {sphere.group for sphere in scene.spheres} | {mesh.group for mesh in scene.meshes}
     for name in (name for name in scene.groups if name not in named):
         yield f"groups: {show(name)} has no members: name it as the group of a sphere or mesh, or remove it"
 
