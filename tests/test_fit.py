@@ -28,7 +28,7 @@ from jaxrt.fit import Fit, FitError, Machine, Problem, Progress, Step, descent, 
 from jaxrt.fit.command import told
 from jaxrt.fit.descent import Found, descend
 from jaxrt.fit.files import load_target, read_progress
-from jaxrt.fit.solve import Look
+from jaxrt.fit.solve import Drawing, Look
 from jaxrt.gradcheck.coverage import CROSSING, SPECULAR
 from jaxrt.kinds import Place, Positive, Ray, normalize
 from jaxrt.scene.selectors import parse_selector
@@ -293,10 +293,10 @@ class Plateau:
     def __init__(self, accepted: int, promise: float) -> None:
         self.accepted, self.promise = accepted, promise
 
-    def rounds_at(self, vector: np.ndarray, seed: int, spp: int) -> int:
+    def rounds_at(self, vector: np.ndarray, seed: int, how: Drawing) -> int:
         return 1
 
-    def steps(self, vector: np.ndarray, seed: int, spp: int, step_size: float | None, rounds: int) -> Iterator[Look]:
+    def steps(self, vector: np.ndarray, seed: int, how: Drawing, step_size: float | None) -> Iterator[Look]:
         for i in count():
             good = i < self.accepted
             yield Look(vector, 0.5 ** min(i, self.accepted), good, 0.5 if good else self.promise, 1.0)

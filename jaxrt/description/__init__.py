@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
@@ -22,6 +21,7 @@ from jaxrt.description.pose import GroupDescription, joined
 from jaxrt.description.values import (
     FLOAT32_TINY,
     LONGEST,
+    SHORTEST,
     Count,
     Name,
     Radius,
@@ -139,22 +139,7 @@ class SceneDescription(Table):
     triangles: Annotated[tuple[TriangleDescription, ...], BeforeValidator(tables)] = ()
     lights: Annotated[tuple[Annotated[Any, BeforeValidator(LIGHTS.validate)], ...], BeforeValidator(tables)] = ()
 
-    def _check_room(self) -> None:
-        """Complain of what a group places where float32 has no room."""
-        far = {"spheres": [max(*map(abs, s.center), s.radius, 1 / s.radius) for s in self.flat.spheres]}
-        far["meshes"] = [float(np.abs(mesh.world).max()) if len(mesh.kept) else np.inf for mesh in self.flat.meshes]
-        for sort, sizes in far.items():
-            for i, size in enumerate(sizes):
-                if not size <= LONGEST:
-                    name = show(getattr(self, sort)[i].group)
-                    raise complaint(
-                        f"{name} makes it too large, too small or too far out for float32: scale the group",
-                        sort,
-                        i,
-                        "group",
-                    )
-
-    @cached_property
+    @property
     def flat(self) -> "SceneDescription":
         """The same scene without groups: what they hold is where they place it."""
         if not self.groups:
@@ -168,14 +153,13 @@ class SceneDescription(Table):
         if sphere.group is None:
             return sphere
         group = self.groups[sphere.group]
-        center = tuple(group.placed(np.asarray(sphere.center, float)[None])[0].tolist())
-        return sphere.model_copy(
-            update={"center": center, "radius": group.scale * sphere.radius, "group": None},
-        )
+        (center,) = group.placed(np.asarray([sphere.center], float)).tolist()
+        return sphere.model_copy(update={"center": tuple(center), "radius": group.scale * sphere.radius, "group": None})
 
     def _flat_mesh(self, mesh: MeshDescription) -> MeshDescription:
         if mesh.group is None:
             return mesh
+        # Not a copy, which would bring along where the mesh stands by itself
         fields = {name: getattr(mesh, name) for name in type(mesh).model_fields}
         return type(mesh).model_construct(**fields | joined(mesh, self.groups[mesh.group]) | {"group": None})
 
@@ -272,6 +256,18 @@ class SceneDescription(Table):
         if self.groups:
             self._check_room()
         return self
+
+    def _check_room(self) -> None:
+        """Complain of what a group places where float32 has no room."""
+        flat = self.flat
+        sizes = {"spheres": [max(*map(abs, s.center), s.radius, SHORTEST / s.radius * LONGEST) for s in flat.spheres]}
+        sizes["meshes"] = [np.abs(m.world).max() if len(m.kept) else np.inf for m in flat.meshes]
+        for sort, members in sizes.items():
+            for i, size in enumerate(members):
+                group = getattr(self, sort)[i].group
+                if group is not None and not size <= LONGEST:
+                    text = f"{show(group)} makes it too large, too small or too far out for float32: scale the group"
+                    raise complaint(text, sort, i, "group")
 
 
 def _place(location: tuple[str | int, ...]) -> str:

@@ -4,13 +4,14 @@ import math
 import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jaxrt.fit.lacks import Missing
-from jaxrt.fit.solve import Look, Machine
+from jaxrt.fit.solve import Drawing, Look, Machine
 from jaxrt.fit.verdict import Verdict, instrumental, judge
 
 Vector = NDArray[np.floating]
@@ -23,15 +24,20 @@ class Stage(NamedTuple):
     share: int  # one in so many of the samples
     enough: float  # relative gain of a step that ends the stage
     patience: int  # steps without gain that end it: a finer stage looks better than a shorter step
+    blur: float  # of the pictures, where outlines move: standard deviation as a share of the shorter side
 
 
-STAGES = (Stage(16, 3e-2, 2), Stage(4, 1e-2, 2), Stage(1, 1e-3, 4))
+STAGES = (Stage(16, 3e-2, 2, 0.1), Stage(4, 1e-2, 2, 0.03), Stage(1, 1e-3, 4, 0.0))
 DONE = len(STAGES) + 1  # number of stages, with the last steps of `_polish`
 SLOW = 2  # steps of little gain that end a stage
 POLISH = 4  # steps at the end that take the bias of one set of samples away
 LARGEST_MOVE = 1.0  # component of such a step
 TINY = 1e-7  # singular value of JᵀJ, of the largest, that is taken for zero
 TRIAL_BOX = 0.5  # other starts lie within so many scene sizes of the given one
+TRIAL_SHAPES = 0.1  # where outlines move, which must overlap, within such a share of that
+TRIAL_TURN = 0.7  # radians, about each axis
+FINALISTS = 4  # of the starts
+TRIAL_STEPS = 6  # that they take before one is chosen
 USUAL = 5  # steps of a stage, to tell the time left
 FIXED = 4  # what a step costs besides its samples and edge samples, in samples a pixel
 
@@ -87,7 +93,7 @@ def descend(
     The arguments are those of `jaxrt.fit`. Raises FitError where a picture or a derivative is not finite.
     """
     start = machine.start
-    now = resume or Progress(0, 0, choose_start(machine, starts, spp, seed), math.inf, ())
+    now = resume or _begin(machine, starts, spp, seed)
     clock, interrupted = _Clock(machine, spp, max_steps), 0
     try:
         for look, after in _steps(machine, now, spp, seed, max_steps):
@@ -97,7 +103,7 @@ def descend(
                 values = machine.problem.unknowns.values(now.vector)
                 report(Step(now.step, before.stage + 1, samples, now.loss, look.accepted, values, left, now))
         if now.stage == len(STAGES):
-            now = now._replace(vector=_polish(machine, now.vector, spp, seed, now.rounds), stage=DONE)
+            now = now._replace(vector=_polish(machine, now.vector, Drawing(spp, rounds=now.rounds), seed), stage=DONE)
     except KeyboardInterrupt as stop:
         interrupted = getattr(stop, "number", signal.SIGINT)
     return _judged(machine, start, now, spp, seed, interrupted)
@@ -107,13 +113,19 @@ def _samples(spp: int, stage: int) -> int:
     return max(1, spp // STAGES[stage].share)
 
 
+def _drawing(spp: int, stage: int, rounds: int = 1) -> Drawing:
+    """Return how the pictures of a stage are drawn."""
+    return Drawing(_samples(spp, stage), STAGES[stage].blur, rounds)
+
+
 def _steps(machine: Machine, now: Progress, spp: int, seed: int, max_steps: int) -> Iterator[tuple[Look, Progress]]:
     """Yield each step of all stages, and where the fit stands after it."""
     while now.stage < len(STAGES) and now.step < max_steps:
-        samples = _samples(spp, now.stage)
+        drawing = _drawing(spp, now.stage, now.rounds)
         if now.step_size is None:
-            now = now._replace(rounds=machine.rounds_at(now.vector, seed, samples))
-        looks = machine.steps(now.vector, seed, samples, now.step_size, now.rounds)
+            now = now._replace(rounds=machine.rounds_at(now.vector, seed, drawing))
+            drawing = drawing._replace(rounds=now.rounds)
+        looks = machine.steps(now.vector, seed, drawing, now.step_size)
         if now.step_size is not None:
             next(looks)  # where the fit stood already
         for look in looks:
@@ -141,8 +153,8 @@ class _Clock:
 
     def __init__(self, machine: Machine, spp: int, max_steps: int) -> None:
         height, width, _ = machine.problem.target.shape
-        each = FIXED + 4 * machine.problem.edges / (height * width)
-        self._costs = [_samples(spp, stage) + each for stage in range(len(STAGES))]
+        self._samples = [_samples(spp, stage) for stage in range(len(STAGES))]
+        self._edges = 4 * machine.problem.edges / (height * width)
         self._max_steps = max_steps
         self._taken = [0] * len(STAGES)
         self._begun: float | None = None
@@ -154,16 +166,17 @@ class _Clock:
         if self._begun is None:
             self._begun = time.perf_counter()
             return None
-        self._paid += self._costs[stage]
+        costs = [samples + FIXED + self._edges * now.rounds for samples in self._samples]
+        self._paid += costs[stage]
         steps = [max(1, USUAL - taken) if i >= now.stage else 0 for i, taken in enumerate(self._taken)]
         share = min(1.0, (self._max_steps - now.step) / max(1, sum(steps)))
-        ahead = share * sum(n * cost for n, cost in zip(steps, self._costs, strict=True))
+        ahead = share * sum(n * cost for n, cost in zip(steps, costs, strict=True))
         # Two pictures for each of the last steps, four to judge
-        ahead += (2 * POLISH + 4) * self._costs[-1]
+        ahead += (2 * POLISH + 4) * costs[-1]
         return (time.perf_counter() - self._begun) * ahead / self._paid
 
 
-def _polish(machine: Machine, vector: Vector, spp: int, seed: int, rounds: int) -> Vector:
+def _polish(machine: Machine, vector: Vector, how: Drawing, seed: int) -> Vector:
     """Return the vector without the bias of one set of samples.
 
     Noise is in the residual and in its Jacobian alike: the least sum of squares is where both are small, which favours
@@ -171,14 +184,14 @@ def _polish(machine: Machine, vector: Vector, spp: int, seed: int, rounds: int) 
     such bias. A step counts if the product of two residuals, a loss without bias, falls.
     """
     seeds = [(seed + k) % 2**32 for k in (0, 3)]
-    best, (residuals, jacobians) = vector, _pair(machine, vector, spp, seeds, rounds)
+    best, (residuals, jacobians) = vector, _pair(machine, vector, how, seeds)
     loss = float(np.sum(residuals[0] * residuals[1]))
     for _ in range(POLISH):
         moves = [instrumental(jacobians[i], jacobians[1 - i], TINY) @ residuals[i].ravel() for i in (0, 1)]
         trial = (best - np.mean(moves, axis=0)).astype(vector.dtype)
         if not np.abs(trial - best).max() < LARGEST_MOVE:
             break
-        residuals, jacobians = _pair(machine, trial, spp, seeds, rounds)
+        residuals, jacobians = _pair(machine, trial, how, seeds)
         gained = float(np.sum(residuals[0] * residuals[1]))
         if not gained < loss:
             break
@@ -187,38 +200,69 @@ def _polish(machine: Machine, vector: Vector, spp: int, seed: int, rounds: int) 
 
 
 def _pair(
-    machine: Machine, vector: Vector, spp: int, seeds: list[int], rounds: int
+    machine: Machine, vector: Vector, how: Drawing, seeds: list[int]
 ) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
     """Return residuals and Jacobians of two seeds."""
-    a, b = (machine.evaluate(vector, seed, spp, rounds) for seed in seeds)
+    a, b = (machine.evaluate(vector, seed, how) for seed in seeds)
     return (a[0], b[0]), (a[1], b[1])
 
 
-def choose_start(machine: Machine, starts: int, spp: int, seed: int) -> Vector:
-    """Return the vector of the least loss among the scene's own and `starts` − 1 with places drawn around it."""
-    start = machine.start
+def _begin(machine: Machine, starts: int, spp: int, seed: int) -> Progress:
+    """Return where the first step is taken from: the scene's own start, or the best of `starts`."""
+    begun = Progress(0, 0, machine.start, math.inf, ())
     if starts == 1:
-        return start
-    labels = machine.problem.unknowns
-    places = np.concatenate([np.full(row.size, row.kind == "place") for row in labels.rows])
-    rng = np.random.default_rng(seed)
-    moves = rng.uniform(-TRIAL_BOX, TRIAL_BOX, (starts, len(places))) * places
+        return begun
+    if machine.problem.blurs:
+        return begun._replace(stage=1, vector=_nearest_outlines(machine, starts, spp, seed))
+    trials = machine.start + _moves(machine, starts, seed)
+    losses = [np.sum(machine.evaluate(trial, seed, _drawing(spp, 0))[0] ** 2) for trial in trials]
+    return begun._replace(vector=trials[int(np.argmin(losses))])
+
+
+def _nearest_outlines(machine: Machine, starts: int, spp: int, seed: int) -> Vector:
+    """Return the start whose outlines are the nearest, some steps down.
+
+    Places are found by the blurred pictures of the first stage, whichever way things are turned. There they are turned
+    in other ways, and of those that look best in the pictures of the second stage, the best few go some steps down:
+    what is turned the wrong way may look nearest at first.
+    """
+    start = machine.start
+    blurred = machine.steps(start, seed, _drawing(spp, 0))
+    there = next(islice(blurred, TRIAL_STEPS - 1, None)).vector
+    base = np.where(_are(machine, "turn"), start, there) if _are(machine, "turn").any() else start
+    trials = [there, *(base + _moves(machine, starts, seed))[1:]]
+    looks = [machine.steps(trial, seed, _drawing(spp, 1)) for trial in trials]
+    order = np.argsort([next(look).loss for look in looks], kind="stable")
+    ends = [next(islice(looks[i], TRIAL_STEPS - 1, None)) for i in order[:FINALISTS]]
+    return min(ends, key=lambda look: look.loss).vector
+
+
+def _moves(machine: Machine, starts: int, seed: int) -> Vector:
+    """Return by how much other starts (starts, k) are moved and turned, the first not at all."""
+    widths = TRIAL_BOX * _are(machine, "place", "shift")
+    if machine.problem.blurs:
+        turns = _are(machine, "turn")
+        widths = TRIAL_TURN * turns if turns.any() else TRIAL_SHAPES * widths
+    moves = np.random.default_rng(seed).uniform(-1, 1, (starts, len(widths))) * widths
     moves[0] = 0
-    trials = [start + move.astype(start.dtype) for move in moves]
-    losses = [np.sum(machine.evaluate(trial, seed, max(1, spp // STAGES[0].share))[0] ** 2) for trial in trials]
-    return trials[int(np.argmin(losses))]
+    return moves.astype(machine.start.dtype)
+
+
+def _are(machine: Machine, *kinds: str) -> NDArray[np.bool_]:
+    """Return which components (k,) are of unknowns of these kinds."""
+    return np.concatenate([np.full(row.size, row.kind in kinds) for row in machine.problem.unknowns.rows])
 
 
 def _judged(machine: Machine, start: Vector, now: Progress, spp: int, seed: int, interrupted: int) -> Found:
     """Return what was found with its verdict, or the start if that is better on fresh seeds."""
     problem, first, second = machine.problem, (seed + 1) % 2**32, (seed + 2) % 2**32
-    before, now_there = (_pair(machine, at, spp, [first, second], now.rounds) for at in (start, now.vector))
+    how = Drawing(spp, rounds=now.rounds)
+    before, now_there = (_pair(machine, at, how, [first, second]) for at in (start, now.vector))
     # The product of two residuals: a sum of squares would favour what is less noisy
     if np.sum(before[0][0] * before[0][1]) < np.sum(now_there[0][0] * now_there[0][1]):
         now, now_there = now._replace(vector=start), before
     residuals, jacobians = now_there
-    places = np.concatenate([np.full(row.size, row.kind == "place") for row in problem.unknowns.rows])
-    verdict = judge(residuals, jacobians, problem.unknowns.labels(), places)
+    verdict = judge(residuals, jacobians, problem.unknowns.labels(), _are(machine, "place", "shift"))
     target = np.asarray(problem.target * problem.weight, float)
     pictures = before[0][0] * problem.scale + target, residuals[0] * problem.scale + target
     return Found(now.vector, verdict, now, interrupted, pictures)

@@ -78,6 +78,11 @@ class Problem:
         return EDGES_PER_PIXEL * self.target.shape[0] * self.target.shape[1] if known else 0
 
     @property
+    def blurs(self) -> bool:
+        """Return whether outlines move, which overlap in blurred pictures long before they do in sharp ones."""
+        return any(moves_shapes(row.selector.name) for row in self.unknowns.rows)
+
+    @property
     def scale(self) -> float:
         """Return the root of the target's sum of squares, in whose units residuals are."""
         total = float(jnp.sum((self.target * self.weight) ** 2))
@@ -86,6 +91,14 @@ class Problem:
         if not total > 0:
             raise FitError("target: black, or masked everywhere: choose another picture")
         return total**0.5
+
+
+class Drawing(NamedTuple):
+    """How the pictures of a step are drawn."""
+
+    spp: int
+    blur: float = 0.0  # where the problem `blurs`: standard deviation, as a share of the picture's shorter side
+    rounds: int = 1  # of edge samples
 
 
 class Machine:
@@ -103,7 +116,7 @@ class Machine:
         solver: Any = optimistix.LevenbergMarquardt(rtol=0.0, atol=0.0)
         search: Any = optimistix.ClassicalTrustRegion(low_constant=SHORTER)
         solver = equinox.tree_at(lambda solver: solver.search, solver, search)
-        arguments, nothing = self._arguments(0, 1, 1), frozenset[object]()
+        arguments, nothing = self._arguments(0, Drawing(1)), frozenset[object]()
         outputs = jax.eval_shape(residual, self.start, arguments)
         fresh = solver.init(residual, self.start, arguments, {}, *outputs, nothing)
         arrays, program = equinox.partition(fresh, equinox.is_array)
@@ -126,31 +139,31 @@ class Machine:
         other._constants = (problem.scene, problem.target, problem.weight * (GAIN / problem.scale))
         return other
 
-    def _arguments(self, seed: int, spp: int, rounds: int) -> tuple[Any, Any, Any, Any]:
-        return self._constants, np.uint32(seed), np.int32(spp), np.int32(rounds)
+    def _arguments(self, seed: int, how: Drawing) -> tuple[Any, Any, Any, Any, Any]:
+        height, width, _ = self.problem.target.shape
+        pixels = how.blur * min(height, width)
+        filters = tuple(_gaussian(size, pixels, self.start.dtype) for size in (height, width))
+        blurs = filters if self.problem.blurs else None
+        return self._constants, np.uint32(seed), np.int32(how.spp), np.int32(how.rounds), blurs
 
-    def _from(
-        self, vector: Vector, seed: int, spp: int, step_size: float | None, rounds: int
-    ) -> Iterator[tuple[Vector, Any]]:
+    def _from(self, vector: Vector, seed: int, how: Drawing, step_size: float | None) -> Iterator[tuple[Vector, Any]]:
         """Yield the best vector and the solver's state after each step, the first of which only looks at `vector`."""
         y, fresh = np.asarray(vector, self.start.dtype), self._fresh
         size = fresh.search_state.step_size if step_size is None else np.asarray(step_size, self.start.dtype)
         search = fresh.search_state.__class__(step_size=size)
         state = fresh.__class__(**(vars(fresh) | {"y_eval": y, "search_state": search}))
         while True:
-            y, state = jax.tree.map(np.asarray, self._step(y, self._arguments(seed, spp, rounds), state))
+            y, state = jax.tree.map(np.asarray, self._step(y, self._arguments(seed, how), state))
             yield y, state
 
-    def steps(
-        self, vector: Vector, seed: int, spp: int, step_size: float | None = None, rounds: int = 1
-    ) -> Iterator[Look]:
+    def steps(self, vector: Vector, seed: int, how: Drawing, step_size: float | None = None) -> Iterator[Look]:
         """Yield what each step shows, from `vector` on, for ever; the first only looks at `vector`.
 
-        step_size: None is the solver's own. rounds: of edge samples. Raises FitError where a picture is not finite:
-        comparisons with NaN would reject every step, and look converged.
+        step_size: None is the solver's own. Raises FitError where a picture is not finite: comparisons with NaN would
+        reject every step, and look converged.
         """
         count = 0
-        for y, state in self._from(vector, seed, spp, step_size, rounds):
+        for y, state in self._from(vector, seed, how, step_size):
             if not np.isfinite(state.y_eval).all():
                 raise FitError(f"fit: no finite step from {self.problem.unknowns.values(y)}: check scene and target")
             accepted, count = int(state.num_accepted_steps) > count, int(state.num_accepted_steps)
@@ -159,25 +172,25 @@ class Machine:
             promise = promised_gain(residual, jacobian, None if accepted else state.y_eval - y) / max(loss, TINY)
             yield Look(y, loss / GAIN**2, accepted, promise, float(state.search_state.step_size))
 
-    def rounds_at(self, vector: Vector, seed: int, spp: int) -> int:
+    def rounds_at(self, vector: Vector, seed: int, how: Drawing) -> int:
         """Return how many rounds of edge samples make the Jacobian's noise no larger than what it tells.
 
         Where it is larger, its square is mostly noise: steps are too short, and standard errors too small.
         """
         if self.problem.edges == 0:
             return 1
-        pair = [self.evaluate(vector, (seed + k) % 2**32, spp)[1].reshape(-1, self.start.size) for k in (0, 5)]
+        pair = [self.evaluate(vector, (seed + k) % 2**32, how)[1].reshape(-1, self.start.size) for k in (0, 5)]
         told = np.sum(pair[0] * pair[1], axis=0)
         size = np.sum(pair[0] ** 2 + pair[1] ** 2, axis=0) / 2
         noise = (size - told)[size > 0] / np.maximum(told, size / (1 + MOST_ROUNDS))[size > 0]
         return int(np.ceil(np.clip(noise.max(initial=1), 1, MOST_ROUNDS)))
 
-    def evaluate(self, vector: Vector, seed: int, spp: int, rounds: int = 1) -> tuple[Floats, Floats]:
+    def evaluate(self, vector: Vector, seed: int, how: Drawing) -> tuple[Floats, Floats]:
         """Return residual (height, width, 3) and Jacobian (height, width, 3, k) at `vector`, drawn anew.
 
         Raises FitError where they are not finite.
         """
-        _, state = next(self._from(vector, seed, spp, None, rounds))
+        _, state = next(self._from(vector, seed, how, None))
         residual, jacobian = (x.astype(float) / GAIN for x in state.aux)
         if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
             where = self.problem.unknowns.values(vector)
@@ -192,18 +205,36 @@ def _linear_model(
     sampler: str,
     edges: int,
     vector: Array,
-    arguments: tuple[Any, Array, Array, Array],
+    arguments: tuple[Any, Array, Array, Array, Any],
 ) -> tuple[Array, tuple[Array, Array]]:
     """Return the residual (n,) as a function of `vector`, linear around it, and (residual, Jacobian)."""
-    (scene, target, weight), seed, spp, rounds = arguments
+    (scene, target, weight), seed, spp, rounds, filters = arguments
 
     def residual(vector: Array) -> Array:
         picture = picture_of(unknowns.apply(scene, vector), seed, spp, max_depth, sampler, edges, rounds)
-        return ((picture - target) * weight).ravel()
+        return _blurred((picture - target) * weight, filters).ravel()
 
     here = lax.stop_gradient(vector)
     value, jacobian = value_and_jacobian(residual, here)
     return value + jnp.matmul(jacobian, vector - here, precision=lax.Precision.HIGHEST), (value, jacobian)
+
+
+def _gaussian(size: int, width: float, dtype: Any) -> Vector:
+    """Return the matrix (size, size) that blurs along one axis; its rows add up to 1."""
+    if width <= 0:
+        return np.eye(size, dtype=dtype)
+    steps = np.arange(size)[:, None] - np.arange(size)
+    weights = np.exp(-0.5 * (steps / width) ** 2)
+    return (weights / weights.sum(axis=1, keepdims=True)).astype(dtype)
+
+
+def _blurred(picture: Array, filters: tuple[Array, Array] | None) -> Array:
+    """Return the picture (height, width, 3), blurred by matrices for both axes, or as it is."""
+    if filters is None:
+        return picture
+    rows, columns = filters
+    exact = partial(jnp.einsum, precision=lax.Precision.HIGHEST)
+    return exact("ij,kjc->kic", columns, exact("ij,jkc->ikc", rows, picture))
 
 
 def picture_of(

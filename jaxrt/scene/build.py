@@ -40,9 +40,9 @@ def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = 
     if not isinstance(description, SceneDescription):
         description = parse_description(description)
     check_memory(description.camera.width, description.camera.height)
-    described, description = description, description.flat
     for message in warnings_of(description):
         warnings.warn(message, SceneWarning, stacklevel=2)
+    described, description = description, description.flat
     origin = description.origin
     listed = list_materials(description, dtype, origin)
     environment = description.environment
@@ -75,8 +75,8 @@ def _spheres(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, 
     radius = np.asarray([s.radius for s in scene.spheres], float)
     lost = lost_digits(center, radius, dtype)
     material = jnp.asarray([rows[s.material] for s in scene.spheres], jnp.int32)
-    numbers = (jnp.asarray(x, dtype) for x in (center, radius, lost))
-    return Spheres(*numbers, material, *(sphere_topology(center, radius) or (None, None)))
+    tree = sphere_topology(center, radius) or (None, None)
+    return Spheres(jnp.asarray(center, dtype), jnp.asarray(radius, dtype), jnp.asarray(lost, dtype), material, *tree)
 
 
 def _triangles(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, dtype: DTypeLike) -> Triangles | None:

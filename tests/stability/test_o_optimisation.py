@@ -14,6 +14,7 @@ import pytest
 import jaxrt
 from jaxrt.fit import FitError, Machine, Problem, Progress, standard_errors, unknowns_of
 from jaxrt.fit.descent import descend
+from jaxrt.fit.solve import Drawing
 from jaxrt.fit.verdict import judge
 from jaxrt.gradcheck.functionals import functionals
 from jaxrt.gradcheck.report import compare
@@ -81,7 +82,7 @@ def test_o2_a_light_that_no_gradient_reaches_is_stalled(
     assert "--starts 32" in answer.verdict.message
     assert answer.verdict.structured > 0.5
     # No slope is what a solver takes for convergence
-    residual, jacobian = position.evaluate(answer.vector, 0, SPP)
+    residual, jacobian = position.evaluate(answer.vector, 0, Drawing(SPP))
     bad = int(not np.any(jacobian.reshape(-1, 3).T @ residual.ravel()))
     wrong = int(answer.verdict.word == "solved")
     figures("O2", "lights out of reach called solved; naive: where the gradient is 0", naive=bad, ours=wrong, at_most=0)
@@ -187,7 +188,7 @@ def test_o5_far_starts_are_no_matter(figures, position: Machine, scene: jaxrt.Sc
 def pictures(machine: Machine, seeds: range, spp: int) -> np.ndarray:
     """Return the pictures (seeds, height, width, 3) that a fit sees at its start, in linear radiance."""
     problem = machine.problem
-    residuals = np.stack([machine.evaluate(machine.start, seed, spp)[0] for seed in seeds])
+    residuals = np.stack([machine.evaluate(machine.start, seed, Drawing(spp))[0] for seed in seeds])
     return residuals * problem.scale + np.asarray(problem.target, float)
 
 
@@ -218,7 +219,7 @@ def test_a13_slopes_of_a_fit_come_with_their_noise(figures, position: Machine, s
     machine = position.again(scene)
     moves, errors, alike = [], [], []
     for seed in range(96):
-        residual, jacobian = machine.evaluate(machine.start, seed, SPP)
+        residual, jacobian = machine.evaluate(machine.start, seed, Drawing(SPP))
         matrix = jacobian.reshape(-1, 3)
         moves.append(np.linalg.lstsq(matrix, residual.ravel(), rcond=None)[0])
         errors.append(standard_errors(jacobian, residual))
@@ -236,7 +237,7 @@ def test_a13_gradcheck_tells_noise_from_wrong(figures, position: Machine, scene:
     noise that 4 seeds tell is uncertain by 40 %.
     """
     machine = position.again(scene)
-    slopes = [machine.evaluate(machine.start, seed, 1)[1][..., 0] for seed in range(192)]
+    slopes = [machine.evaluate(machine.start, seed, Drawing(1))[1][..., 0] for seed in range(192)]
     for name in functionals(slopes[0]):
         numbers = np.stack([functionals(slope)[name] for slope in slopes]).reshape(48, 4, -1)
         groups = [compare(name, a, a, b, b) for a, b in zip(numbers, np.roll(numbers, 1, 0), strict=True)]
@@ -256,7 +257,7 @@ def test_standard_errors_are_the_scatter_over_64_seeds(position: Machine) -> Non
     for seed in range(64):
         vector = position.start.astype(float)
         for _ in range(3):
-            residual, jacobian = position.evaluate(vector, seed, SPP)
+            residual, jacobian = position.evaluate(vector, seed, Drawing(SPP))
             matrix = jacobian.reshape(-1, 3)
             vector = vector - np.linalg.lstsq(matrix, residual.ravel(), rcond=None)[0]
         verdict = judge((residual, residual), (jacobian, jacobian), list("xyz"), np.ones(3, bool))

@@ -14,7 +14,7 @@ from jaxrt.cli.streams import spelt
 from jaxrt.core.messages import one_line
 from jaxrt.description import SceneDescription, Solid
 from jaxrt.description.kinds import CAMERAS, LIGHTS, MATERIALS, Family
-from jaxrt.scene import Scene
+from jaxrt.scene import Scene, placed
 from jaxrt.scene.parameters import names, parameters
 from jaxrt.shapes import Triangles
 from jaxrt.shapes.search.bvh import survey
@@ -45,8 +45,8 @@ def print_summary(
     if description.meshes:
         heads = ("", "file", "faces", "vertices", "without area, dropped", "material")
         console.print(_table("meshes", heads, _meshes(description)))
-    if scene.triangles is not None:
-        console.print(_table("ray search among triangles", ("", ""), _search(scene.triangles)))
+    if (triangles := placed(scene).triangles) is not None:
+        console.print(_table("ray search among triangles", ("", ""), _search(triangles)))
     console.print(_table("lights", ("", "position", "intensity W/sr", "radius"), _lights(description)))
     if any(light.type != LIGHTS.default for light in description.lights):
         console.print(_table("other lights", ("", "type", "value"), _other_lights(description)))

@@ -38,6 +38,13 @@ def unused_materials(scene: SceneDescription) -> Iterator[str]:
             yield f"materials: {show(name)} is used by nothing: name it in a sphere, triangle or mesh, or remove it"
 
 
+def unused_groups(scene: SceneDescription) -> Iterator[str]:
+    """Find groups that nothing is in."""
+    named = {sphere.group for sphere in scene.spheres} | {mesh.group for mesh in scene.meshes}
+    for name in (name for name in scene.groups if name not in named):
+        yield f"groups: {show(name)} has no members: name it as the group of a sphere or mesh, or remove it"
+
+
 def dropped_faces(bodies: Sequence[Body]) -> Iterator[str]:
     """Find faces that no ray can hit."""
     for body in bodies:
