@@ -43,6 +43,17 @@ def test_unused_operands_are_harmless(f: Callable[..., Array]) -> None:
     assert out.shape[0] == 2
 
 
+def test_empty_operands_beside_large_ones_are_harmless() -> None:
+    large, empty = jnp.ones(LARGE + 1), jnp.zeros((3, 0))
+
+    def lane(operands: tuple[tuple[Array, Array]], packet: Array) -> Array:
+        ((large, empty),) = operands
+        return large[packet] + jnp.sum(empty)
+
+    out = jax.jit(lambda o, n: map_packets(lane, o, n))(((large, empty),), jnp.arange(2, dtype=jnp.int32))
+    np.testing.assert_array_equal(out, 1)
+
+
 def entry(text: str) -> str:
     return text[text.index("\nENTRY ") :]
 

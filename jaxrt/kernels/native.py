@@ -189,21 +189,25 @@ def _pack(tree: Operands) -> tuple[dict[str, Array], Callable[[dict[str, Array]]
     """Return the leaves in a few flat arrays, and the function that takes them apart again.
 
     One for each part of the tree and each dtype: a batch over one part, as of tangents, leaves the others as they are.
-    A large leaf has one of its own.
+    A large leaf has one of its own, an empty one none.
     """
     paths, structure = jax.tree.flatten_with_path(tree)
     leaves = [leaf for _, leaf in paths]
     kinds = [f"{path if leaf.size > LARGE else path[:1]} {leaf.dtype}" for path, leaf in paths]
     groups: dict[str, list[Any]] = {}
     for kind, leaf in zip(kinds, leaves, strict=True):
-        groups.setdefault(kind, []).append(leaf)
+        if leaf.size:
+            groups.setdefault(kind, []).append(leaf)
     parcels = {kind: jnp.concatenate([leaf.ravel() for leaf in group]) for kind, group in groups.items()}
-    shapes = [(kind, leaf.shape, leaf.size) for kind, leaf in zip(kinds, leaves, strict=True)]
+    shapes = [(kind, leaf.shape, leaf.size, leaf.dtype) for kind, leaf in zip(kinds, leaves, strict=True)]
 
     def unpack(parcels: dict[str, Array]) -> Operands:
         start = dict.fromkeys(parcels, 0)
         parts = []
-        for kind, shape, size in shapes:
+        for kind, shape, size, dtype in shapes:
+            if not size:
+                parts.append(jnp.zeros(shape, dtype))
+                continue
             parts.append(lax.slice(parcels[kind], (start[kind],), (start[kind] + size,)).reshape(shape))
             start[kind] += size
         return jax.tree.unflatten(structure, parts)
