@@ -23,7 +23,7 @@ from jaxrt.transport.film import Plan, Run, joined, shares_of
 def painter(
     folder: Path | None, scene: Scene, run: Run, plan: Plan, cores: int
 ) -> Callable[[Run], NDArray[np.float32]]:
-    """Return what draws the sums (height, width, 3, 3) of a run's samples, in parts along the last axis.
+    """Return what draws the sums (height, width, channels, 3) of a run's samples, in parts along the last axis.
 
     folder: where compiled programs are kept, if anywhere. run: of no samples; programs are tried with it.
     """
@@ -46,7 +46,7 @@ def painter(
 
     def draw(run: Run) -> NDArray[np.float32]:
         shares, turns = shares_of(size, plan)
-        parts = np.empty((shares, turns, plan.lanes, 3, 3), scene.dtype)
+        parts = np.empty((shares, turns, plan.lanes, plan.channels, 3), scene.dtype)
         list(pool.map(lambda share: draw_share(run, share, parts), range(shares)))
         return joined(parts, size, plan)
 

@@ -79,6 +79,14 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
         "--sampler", default="sobol", metavar="NAME", help="sobol (default), stratified or independent"
     )
     drawing.add_argument("--cores", type=count, metavar="N", help="CPU cores (all)")
+    drawing.add_argument(
+        "--outputs",
+        type=_names,
+        default=(),
+        metavar="NAME,...",
+        help="draw these too, as layers of an EXR or PNGs beside: depth, normal, position, albedo, uv, mask[NAME], "
+        "shape, material, sky; with alpha the picture lacks the sky, to be laid over another",
+    )
     _add_display(parser)
     long = parser.add_argument_group("long renders")
     long.add_argument("--resume", action="store_true", help="go on from FILE.partial, which an interruption left")
@@ -158,6 +166,14 @@ def _integer(low: int, high: int) -> Callable[[str], int]:
         return value
 
     return convert
+
+
+def _names(text: str) -> tuple[str, ...]:
+    """Return what is listed, at most once each."""
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    if not all(names):
+        raise argparse.ArgumentTypeError(f"{show(text)} is no list: write NAME,NAME, such as depth,normal")
+    return names
 
 
 def _range(text: str) -> tuple[int, int]:

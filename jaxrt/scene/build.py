@@ -56,7 +56,7 @@ def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = 
         order=listed.order | order_of_lights(description.lights, lights),
         origin=jnp.asarray(origin, dtype) if origin.any() else None,
         defaults=description.render,
-        names=names_of(description),
+        names=names_of(description, listed.rows),
     )
     devices = default_devices()
     return scene if len(devices) == 1 else everywhere(scene, devices)

@@ -4,6 +4,7 @@ import argparse
 import os
 import sys
 import time
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,9 +17,10 @@ from jaxrt.chunks import accumulate
 from jaxrt.cli import start
 from jaxrt.cli.errors import UsageError
 from jaxrt.cli.job import begin, facts_of, samples_of, sums_beside
+from jaxrt.cli.layers import draw_layers, layers_asked
 from jaxrt.cli.places import check_file
 from jaxrt.cli.progress import compiling, progress
-from jaxrt.cli.saving import ELSEWHERE, save, save_picture
+from jaxrt.cli.saving import ELSEWHERE, Picture, save, save_picture
 from jaxrt.cli.signals import Interrupted, noted, status_of
 from jaxrt.cli.start import built, check_output, described, warn
 from jaxrt.core.samplers import SAMPLERS
@@ -41,6 +43,7 @@ class Work:
     cores: int
     end: int
     sums: Partial
+    layers: Callable[[NDArray[np.float32]], Picture]  # what is to be saved, of a picture
     compile_seconds: float = 0.0
     render_seconds: float = 0.0
 
@@ -64,10 +67,18 @@ def run(args: argparse.Namespace) -> int:
     spp = description.render.spp
     _check_sampler(args.sampler, spp)
     first, end = samples_of(args.samples, spp)
+    scene = built(description)
+    asked = layers_asked(scene, args.outputs, output.suffix == SUFFIX)
     # No sample, which compiles all the same
-    nothing = prepare(built(description), args.seed, 0, 0, spp, sampler=args.sampler)
+    nothing = prepare(scene, args.seed, 0, 0, spp, sampler=args.sampler)
     facts = facts_of(nothing[0], nothing[2], args.seed, spp)
-    work = Work(args, output, cores, end, begin(output, args.resume, facts, first, end))
+
+    def with_layers(picture: NDArray[np.float32]) -> Picture:
+        if asked is None:
+            return picture
+        return draw_layers(asked, scene, picture, nothing[1]._replace(end=jnp.int32(spp)), nothing[2], folder, cores)
+
+    work = Work(args, output, cores, end, begin(output, args.resume, facts, first, end), with_layers)
     before = work.drawn
     with ExitStack() as signals:
         try:
@@ -145,7 +156,8 @@ def _finish(work: Work) -> int:
     """Write what was asked for and return the exit status."""
     if work.output.suffix == SUFFIX:
         return 0 if _keep_sums(work) else ELSEWHERE
-    status = save_picture(work.output, work.sums.picture(), work.args.exposure, work.args.srgb)
+    picture = work.layers(work.sums.picture())
+    status = save_picture(work.output, picture, work.args.exposure, work.args.srgb)
     with suppress(OSError):
         sums_beside(work.output).unlink(missing_ok=True)
     return status
