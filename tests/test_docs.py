@@ -151,6 +151,7 @@ def test_readme_names_every_option() -> None:
         "--resume",
         "--samples",
         "--outputs",
+        "--camera",
     ):
         assert option in text
 

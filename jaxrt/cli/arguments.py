@@ -74,6 +74,7 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     drawing.add_argument("--max-depth", type=count, metavar="D", help="scattering events along a path")
     drawing.add_argument("--width", type=count, metavar="W", help="columns")
     drawing.add_argument("--height", type=count, metavar="H", help="rows")
+    drawing.add_argument("--camera", type=_integer(0, COUNT_MAX), default=0, metavar="I", help="of [[cameras]] (0)")
     drawing.add_argument("--seed", type=seed, default=0, metavar="S", help="of the random numbers (0)")
     drawing.add_argument(
         "--sampler", default="sobol", metavar="NAME", help="sobol (default), stratified or independent"
@@ -142,7 +143,13 @@ def _add_gradcheck(parser: argparse.ArgumentParser) -> None:
 def _add_fit(parser: argparse.ArgumentParser) -> None:
     count, seed = _integer(1, COUNT_MAX), _integer(0, SEED_MAX)
     _add_scene(parser, "scene file (TOML), with the values to start from")
-    parser.add_argument("target", type=Path, metavar="TARGET", help="the picture to match: .exr, or .png (linearised)")
+    parser.add_argument(
+        "targets",
+        type=Path,
+        nargs="+",
+        metavar="TARGET",
+        help="the picture to match: .exr, or .png (linearised); one for each of the scene's [[cameras]]",
+    )
     parser.add_argument("--parameters", nargs="+", required=True, metavar="NAME[ROW]", help="what to recover")
     parser.add_argument("-o", "--output", type=Path, help="folder of the results (SCENE's name with _fit)")
     parser.add_argument("--spp", type=count, metavar="N", help="samples per pixel of the last stage")

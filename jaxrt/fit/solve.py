@@ -21,6 +21,7 @@ from jaxrt.boundary.tangent import moving_edges
 from jaxrt.description import SceneError
 from jaxrt.fit.unknowns import Unknowns
 from jaxrt.fit.verdict import promised_gain
+from jaxrt.fit.views import draw_views
 from jaxrt.kernels.jacobian import value_and_jacobian
 from jaxrt.render import draw_sum, prepare
 from jaxrt.scene import Scene
@@ -61,18 +62,22 @@ class Problem:
     weight: Array  # (height, width, 3) 1, or 0 where the target is not to be trusted
     max_depth: int | None = None
     sampler: str = "sobol"
-    boundary_samples: int | None = None  # None: 4 a pixel where edges move that are known
+    boundary_samples: int | None = None  # of each view; None: 4 a pixel where edges move that are known
+    cameras: tuple[Any, ...] = ()  # of several views, the scene's own first; their targets stand one below the other
 
     @property
     def edges(self) -> int:
-        """Return the number of edge samples."""
+        """Return the number of edge samples of all views."""
+        return sum(self.edges_of(camera) for camera in self.cameras or (self.scene.camera,))
+
+    def edges_of(self, camera: Any) -> int:
+        """Return the number of edge samples of a camera's picture."""
         if self.boundary_samples is not None:
             return self.boundary_samples
         names = [row.selector.name for row in self.unknowns.rows]
         materials = self.scene.materials
         moving = any(moves_lamps(name) or moves_shapes(name) or bends_light(materials, name) for name in names)
-        known = moving and self.scene.camera.is_central
-        return EDGES_PER_PIXEL * self.target.shape[0] * self.target.shape[1] if known else 0
+        return EDGES_PER_PIXEL * camera.width * camera.height if moving and camera.is_central else 0
 
     @property
     def scale(self) -> float:
@@ -95,8 +100,8 @@ class Machine:
 
         self.problem = problem
         self.start = problem.unknowns.vector(problem.scene)
-        self._constants = (problem.scene, problem.target, problem.weight * (GAIN / problem.scale))
-        residual = partial(_linear_model, problem.unknowns, problem.max_depth, problem.sampler, problem.edges)
+        self._constants = _constants(problem)
+        residual = partial(_linear_model, problem)
         solver: Any = optimistix.LevenbergMarquardt(rtol=0.0, atol=0.0)
         search: Any = optimistix.ClassicalTrustRegion(low_constant=SHORTER)
         solver = equinox.tree_at(lambda solver: solver.search, solver, search)
@@ -120,7 +125,7 @@ class Machine:
         picture = old.target if target is None else jnp.asarray(target)
         other.problem = problem = replace(old, scene=old.scene if scene is None else scene, target=picture)
         other.start = problem.unknowns.vector(problem.scene)
-        other._constants = (problem.scene, problem.target, problem.weight * (GAIN / problem.scale))
+        other._constants = _constants(problem)
         return other
 
     def _arguments(self, seed: int, spp: int) -> tuple[Any, Any, Any]:
@@ -166,19 +171,23 @@ class Machine:
         return residual.reshape(shape), jacobian.reshape(*shape, -1)
 
 
+def _constants(problem: Problem) -> tuple[Any, ...]:
+    """Return what a problem's program is given of it; all else of the problem is part of the program."""
+    return problem.scene, problem.cameras, problem.target, problem.weight * (GAIN / problem.scale)
+
+
 def _linear_model(
-    unknowns: Unknowns,
-    max_depth: int | None,
-    sampler: str,
-    edges: int,
-    vector: Array,
-    arguments: tuple[Any, Array, Array],
+    problem: Problem, vector: Array, arguments: tuple[Any, Array, Array]
 ) -> tuple[Array, tuple[Array, Array]]:
     """Return the residual (n,) as a function of `vector`, linear around it, and (residual, Jacobian)."""
-    (scene, target, weight), seed, spp = arguments
+    (scene, cameras, target, weight), seed, spp = arguments
 
     def residual(vector: Array) -> Array:
-        picture = picture_of(unknowns.apply(scene, vector), seed, spp, max_depth, sampler, edges)
+        def draw(view: Scene, seed: Array) -> Array:
+            moved, edges = problem.unknowns.apply(view, vector), problem.edges_of(view.camera)
+            return picture_of(moved, seed, spp, problem.max_depth, problem.sampler, edges)
+
+        picture = draw_views(draw, scene, cameras, seed) if cameras else draw(scene, seed)
         return ((picture - target) * weight).ravel()
 
     here = lax.stop_gradient(vector)
