@@ -24,7 +24,7 @@ from jaxrt.transport.film import Plan, Run, joined, shares_of
 def painter(
     folder: Path | None, scene: Scene, run: Run, plan: Plan, cores: int, team: Team | None = None
 ) -> Callable[[Run], NDArray[np.float32]]:
-    """Return what draws the sums (height, width, 3, 3) of a run's samples, in parts along the last axis.
+    """Return what draws the sums (height, width, channels, 3) of a run's samples, in parts along the last axis.
 
     folder: where compiled programs are kept, if anywhere. run: of no samples; programs are tried with it. team: those
     who draw it together: each has all sums.
@@ -41,7 +41,7 @@ def painter(
             hands.put(partial(program, tables))
     pool = ThreadPoolExecutor(hands.qsize(), thread_name_prefix="jaxrt")
     mine = np.flatnonzero(owners == (team.rank if team else 0))
-    shape = np.bincount(owners).max(), shares_of(size, plan)[1], plan.lanes, 3, 3
+    shape = np.bincount(owners).max(), shares_of(size, plan)[1], plan.lanes, plan.channels, 3
 
     def draw_share(run: Run, share: int, part: NDArray[np.float32]) -> None:
         hand = hands.get()

@@ -4,11 +4,11 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TypedDict, Unpack
+from typing import TypedDict, Unpack, overload
 
 import jax
 import jax.numpy as jnp
-from jax import Array
+from jax import Array, lax
 from jax.typing import ArrayLike
 
 from jaxrt import boundary
@@ -20,9 +20,11 @@ from jaxrt.core.system import usable_cores
 from jaxrt.kernels.native import as_operand, default_devices, everywhere, local
 from jaxrt.scene import Scene, check_scene, drawn
 from jaxrt.scene.checks import check_memory
-from jaxrt.transport.film import Plan, Run
+from jaxrt.transport.film import Plan, Run, draw_numbers
 from jaxrt.transport.interior import draw
+from jaxrt.transport.outputs import Output
 from jaxrt.transport.path import Tables, tables_of
+from jaxrt.views import Window, answers, asked_for, cut, viewed
 
 CPU_TILE = (16, 8)  # pixels of a packet on a CPU: its values stay in the first-level cache
 THREADS = 8  # of XLA's pool, for each CPU device
@@ -52,6 +54,39 @@ def use_cpu_cores(n: int | None = None) -> None:
         raise RuntimeError("use_cpu_cores: JAX has started already: call it before anything is computed") from None
 
 
+class Options(TypedDict, total=False):
+    """How to render, besides what; see `render`."""
+
+    max_depth: int | None
+    sampler: str
+    unroll: bool
+    tile: tuple[int, int] | None
+    devices: Sequence[jax.Device] | None
+    window: Window | None
+    pixels: ArrayLike | None
+
+
+class Drawing(Options, total=False):
+    """What else `render` takes, but `outputs`."""
+
+    spp: int | None
+    width: int | None
+    height: int | None
+    boundary_samples: int
+    gradient_key: int | Array | None
+    gradient_spp: int | None
+
+
+@overload
+def render(scene: Scene, key: int | Array, *, outputs: None = None, **options: Unpack[Drawing]) -> Array: ...
+
+
+@overload
+def render(
+    scene: Scene, key: int | Array, *, outputs: Sequence[str], **options: Unpack[Drawing]
+) -> dict[str, Array]: ...
+
+
 def render(
     scene: Scene,
     key: int | Array,
@@ -67,7 +102,10 @@ def render(
     unroll: bool = False,
     tile: tuple[int, int] | None = None,
     devices: Sequence[jax.Device] | None = None,
-) -> Array:
+    window: Window | None = None,
+    pixels: ArrayLike | None = None,
+    outputs: Sequence[str] | None = None,
+) -> Array | dict[str, Array]:
     """Return the picture (height, width, 3) in linear radiance, W·sr⁻¹·m⁻²; row 0 is the top.
 
     key: an int or a `jax.random.key`. spp: samples per pixel; max_depth: scattering events along a path; width, height:
@@ -76,6 +114,18 @@ def render(
     packet in pixels. devices: those to use, by default all of JAX's default backend, or those on which the scene was
     put; under jit, one device alone is where the arguments are. Their number does not change the picture, tile and
     unroll may by 1e-6 (CONVENTIONS, Bits). Memory does not grow with spp.
+
+    outputs: names of what to return instead, in a dict; who does not ask pays nothing. "radiance" is the picture,
+    "foreground" that without the sky that the camera itself sees, "sky" the rest of it, (height, width, 3). "alpha" is
+    the share of a pixel that shows anything, "mask[NAME]" the share that shows a sphere, light, mesh or material so
+    called, and "depth" the distance from where the ray starts, (height, width). "position", "albedo" and the shading
+    "normal", on the side of the camera, are (height, width, 3), "uv" is (height, width, 2). All these are means over a
+    pixel, in which what shows nothing counts as 0. "shape" and "material", int32, are the numbers in the scene file of
+    what the middle of a pixel shows, −1 for nothing. docs/outputs.md tells more.
+
+    window: (x0, y0, w, h) draws w columns from x0 on and h rows from y0 on of the whole picture, to the bit what that
+    has there where x0 and y0 are multiples of the tile, else to 1e-6. pixels: columns and rows (n, 2) of what is to be
+    drawn alone: (n, 3). Windows of one size, and lists of one length, share a program; x0, y0, pixels may be traced.
 
     Pure: works under jit, vmap, jvp, vjp, jacfwd, jacrev and hessian. boundary_samples: 0 gives interior derivatives
     only, which lack what moving visibility edges add; n leaves the picture unchanged to the bit and adds the edge terms
@@ -96,15 +146,29 @@ def render(
     gradient_spp = _count("gradient_spp", spp if gradient_spp is None else gradient_spp)
     _count("boundary_samples", boundary_samples, least=0)
     options: Options = dict(max_depth=max_depth, sampler=sampler, unroll=unroll, tile=tile, devices=devices)
+    options |= dict(window=window, pixels=pixels)
     gradient_key = key if gradient_key is None else gradient_key
-    plain, run, plan = prepare(scene, key, 0, spp, spp, **options)
-    gradient_run = prepare(scene, gradient_key, 0, gradient_spp, gradient_spp, **options)[1]
-    # XLA divides or multiplies as it likes, which is not the same to the bit: the choice is made here
-    picture = draw_sum(plain, run, plan, gradient_run) * (1 / spp)
-    if boundary_samples == 0:
-        return picture
-    edges = boundary.Plan(boundary_samples, plan.max_depth, False, False, plan.devices)
-    return picture + moving_edges(plain, gradient_run.seed, edges)
+
+    def drawn_as(outputs: tuple[Output, ...]) -> Array:
+        plain, run, plan = prepare(scene, key, 0, spp, spp, outputs=outputs, **options)
+        gradient_run = prepare(scene, gradient_key, 0, gradient_spp, gradient_spp, **options)[1]
+        # XLA divides or multiplies as it likes, which is not the same to the bit: the choice is made here
+        picture = draw_sum(plain, run, plan, gradient_run) * (1 / spp)
+        if boundary_samples:
+            edges = boundary.Plan(boundary_samples, plan.max_depth, False, False, plan.devices, outputs)
+            picture = picture + cut(moving_edges(plain, gradient_run.seed, edges), run, plan)
+        return picture if pixels is None else picture[0]
+
+    if outputs is None:
+        return drawn_as(())
+    asked = asked_for(scene, outputs)
+    light = drawn_as(()) if asked.light else None
+    others = drawn_as(tuple(asked.outputs.values())) if asked.outputs else None
+    numbers = None
+    if asked.numbers:
+        numbers = numbers_of(*prepare(scene, key, 0, 1, 1, **options))
+        numbers = numbers if pixels is None else numbers[0]
+    return answers(scene, asked, light, others, numbers)
 
 
 def _sized(scene: Scene, width: int | None, height: int | None) -> Scene:
@@ -125,16 +189,6 @@ def _count(name: str, value: int, least: int = 1) -> int:
     return whole_number(f"render: {name}", value, least)
 
 
-class Options(TypedDict, total=False):
-    """How to render, besides what; see `render`."""
-
-    max_depth: int | None
-    sampler: str
-    unroll: bool
-    tile: tuple[int, int] | None
-    devices: Sequence[jax.Device] | None
-
-
 def render_sum(
     scene: Scene, key: int | Array, first: ArrayLike, count: ArrayLike, *, spp: ArrayLike, **options: Unpack[Options]
 ) -> Array:
@@ -143,7 +197,9 @@ def render_sum(
     Sums of chunks that cover 0 … spp − 1 add up to `spp` times the picture of `render`. `first`, `count` and `spp` may
     change without another compilation. The rest is as for `render`.
     """
-    return draw_sum(*prepare(scene, key, first, count, spp, **options))
+    scene, run, plan = prepare(scene, key, first, count, spp, **options)
+    total = draw_sum(scene, run, plan)
+    return total if run.pixels is None else total[0]
 
 
 def prepare(
@@ -158,6 +214,9 @@ def prepare(
     unroll: bool = False,
     tile: tuple[int, int] | None = None,
     devices: Sequence[jax.Device] | None = None,
+    window: Window | None = None,
+    pixels: ArrayLike | None = None,
+    outputs: tuple[Output, ...] = (),
 ) -> tuple[Scene, Run, Plan]:
     """Return the arguments of `draw_sum` from those of `render_sum`, checked."""
     check_scene(scene)
@@ -167,7 +226,9 @@ def prepare(
     scene, devices = _placed(scene, devices)
     tile = _tile(tile) if tile else (CPU_TILE if devices[0].platform == "cpu" else WIDE_TILE)
     run = Run(seed_from_key(key), jnp.int32(first), jnp.int32(first) + jnp.int32(count), jnp.int32(spp))
-    return drawn(scene), run, Plan(max_depth, sampler, unroll, tile, devices)
+    # What is met first is the same whatever comes after
+    plan = Plan(1 if outputs else max_depth, sampler, unroll, tile, devices, outputs=outputs)
+    return drawn(scene), *viewed(scene, run, plan, window, pixels)
 
 
 def _tile(tile: tuple[int, int]) -> tuple[int, int]:
@@ -194,7 +255,15 @@ def _placed(scene: Scene, devices: Sequence[jax.Device] | None) -> tuple[Scene, 
 @partial(jax.jit, static_argnames="plan")
 def draw_sum(scene: Scene, run: Run, plan: Plan, gradient_run: Run | None = None) -> Array:
     """Return the sum of the samples of `run`; derivatives use those of `gradient_run`, by default the same."""
-    return draw(tables_of(as_operand(scene)), run, run if gradient_run is None else gradient_run, plan)
+    return draw(
+        tables_of(as_operand(scene), bool(plan.outputs)), run, run if gradient_run is None else gradient_run, plan
+    )
+
+
+@partial(jax.jit, static_argnames="plan")
+def numbers_of(scene: Scene, run: Run, plan: Plan) -> Array:
+    """Return primitive and row of its material (height, width, 2) that the middle of each pixel shows, −1 for none."""
+    return draw_numbers(tables_of(as_operand(lax.stop_gradient(scene))), run, plan)
 
 
 @jax.jit

@@ -13,7 +13,7 @@ FLOORS = [
     {"shapes", "materials", "lights", "cameras", "kinds"},
     {"scene"},
     {"transport", "io"},
-    {"boundary"},
+    {"boundary", "views"},
     {"render"},
     {"programs", "chunks"},
     {"hands"},

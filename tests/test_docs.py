@@ -8,6 +8,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -158,6 +159,8 @@ def test_readme_names_every_option() -> None:
         "--resume",
         "--samples",
         "--hosts",
+        "--outputs",
+        "--camera",
     ):
         assert option in text
 
@@ -237,6 +240,27 @@ def test_hosts_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     names: dict[str, Any] = {}
     exec(snippet, names)
     assert names["picture"] == 256
+
+
+def test_outputs_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its command writes layers that are read back; its snippets draw the same, and two frames."""
+    (tmp_path / "docs").mkdir()
+    text = (ROOT / "docs/outputs.toml").read_text().replace("= 160", "= 16").replace("= 128", "= 8")
+    (tmp_path / "docs/outputs.toml").write_text(text.replace("max_depth = 4", "max_depth = 1"))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("jaxrt.cli.start.start_jax", lambda cores: None)
+    ((command,), (first, frames)) = blocks("docs/outputs.md", "sh"), blocks("docs/outputs.md", "python")
+    assert main([*shlex.split(command)[1:], "--spp", "4"]) == 0, capsys.readouterr().err
+    layers = {name: jaxrt.load_image("balls.exr", layer=name) for name in ("depth", "normal", "alpha")}
+    picture = jaxrt.load_image("balls.exr")
+    names: dict[str, Any] = {}
+    exec(first, names)
+    for name, layer in layers.items():
+        np.testing.assert_allclose(layer, names["found"][name], atol=2e-5)
+    np.testing.assert_allclose(picture, names["found"]["foreground"], rtol=1e-5, atol=1e-6)
+    np.testing.assert_array_equal(names["depth"], names["found"]["depth"])
+    exec(frames, names)
+    assert names["frames"].shape == (2, 8, 16, 3)
 
 
 def test_links_lead_somewhere() -> None:

@@ -26,7 +26,7 @@ PICTURE = np.linspace(0, 1, 40 * 30 * 3, dtype=np.float32).reshape(30, 40, 3)
 
 
 def draw_errors(path: Path) -> None:
-    draw_before_after(path, Target(PICTURE, np.ones_like(PICTURE), ()), PICTURE / 2, PICTURE / 3)
+    draw_before_after(path, [Target(PICTURE, np.ones_like(PICTURE), ())], PICTURE / 2, PICTURE / 3)
 
 
 WRITERS: dict[str, Callable[[Path], None]] = {

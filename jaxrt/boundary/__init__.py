@@ -22,6 +22,7 @@ from jaxrt.boundary.trail import with_trails
 from jaxrt.kernels.native import as_operand
 from jaxrt.kernels.sealed import sealed
 from jaxrt.scene import Scene
+from jaxrt.transport.outputs import channels
 from jaxrt.transport.path import tables_of
 
 __all__ = ["EdgeSamples", "Plan", "clearance_of", "edge_tangent", "sample_edges", "splat"]
@@ -31,25 +32,28 @@ __all__ = ["EdgeSamples", "Plan", "clearance_of", "edge_tangent", "sample_edges"
 def sample_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
     """Return samples of all edges that move. seed: () uint32."""
     scene = as_operand(scene)
-    samplers = shadow_edges, camera_edges, line_edges, bounced_edges, caustic_edges
+    samplers = [shadow_edges, camera_edges, line_edges, bounced_edges, caustic_edges]
+    if plan.outputs:
+        samplers = [camera_edges, line_edges]
     groups = [samples for sampler in samplers for samples in sampler(scene, seed, plan)]
     return tuple(with_trails(tables_of(scene), groups, plan.geometry_moves, plan.devices))
 
 
 def edge_tangent(scene: Scene, tangent: Any, seed: Array, plan: Plan) -> Array:
-    """Return the change (height, width, 3) of the picture by moving edges, linear in the scene's tangent.
+    """Return the change (height, width, channels) of the picture by moving edges, linear in the scene's tangent.
 
     tangent: as `jax.jvp` wants it, float0 for integers. Works under jit, vmap over tangents (which share the samples)
     and transposition; there is no second derivative.
     """
-    return _picture_change(scene, tangent, sealed(partial(sample_edges, plan=plan), scene, seed))
+    samples = sealed(partial(sample_edges, plan=plan), scene, seed)
+    return _picture_change(scene, tangent, samples, channels(plan.outputs))
 
 
-@jax.jit
-def _picture_change(scene: Scene, tangent: Any, groups: tuple[EdgeSamples, ...]) -> Array:
-    """Return what the samples' clearances change in the picture."""
+@partial(jax.jit, static_argnums=3)
+def _picture_change(scene: Scene, tangent: Any, groups: tuple[EdgeSamples, ...], numbers: int) -> Array:
+    """Return what the samples' clearances change in the picture, of so many numbers a pixel."""
     scene, size = as_operand(scene), (scene.camera.width, scene.camera.height)
-    total = jnp.zeros((size[1], size[0], 3), scene.dtype)
+    total = jnp.zeros((size[1], size[0], numbers), scene.dtype)
     for samples in groups:
         _, change = jax.jvp(partial(clearance_of, samples=samples), (scene,), (tangent,))
         total += splat(samples, change, size)

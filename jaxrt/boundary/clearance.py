@@ -108,7 +108,7 @@ class EdgeSamples:
     """Samples of moving edges. Each adds weight · dF to its pixels; what cannot move is None."""
 
     pixel: Array  # (m, k) int32 row · width + column; beyond the picture where nothing is seen
-    weight: Array  # (m, k, 3) radiance per unit of clearance
+    weight: Array  # (m, k, c) radiance, or outputs, per unit of clearance
     light: LightPoints | None
     view: ViewRays | None
     anchors: tuple[Anchors, ...]
@@ -132,11 +132,11 @@ def clearance_of(scene: Scene, samples: EdgeSamples) -> Array:
 
 
 def splat(samples: EdgeSamples, change: Array, size: tuple[int, int]) -> Array:
-    """Return the picture (height, width, 3) that changes (m,) of the clearances make. size: width, height."""
-    width, height = size
-    light = (samples.weight * change[:, None, None]).reshape(-1, 3)
-    picture = jnp.zeros((height * width, 3), light.dtype).at[samples.pixel.ravel()].add(light, mode="drop")
-    return picture.reshape(height, width, 3)
+    """Return the picture (height, width, c) that changes (m,) of the clearances make. size: width, height."""
+    (width, height), channels = size, samples.weight.shape[-1]
+    light = (samples.weight * change[:, None, None]).reshape(-1, channels)
+    picture = jnp.zeros((height * width, channels), light.dtype).at[samples.pixel.ravel()].add(light, mode="drop")
+    return picture.reshape(height, width, channels)
 
 
 def _light_points(lights: Lights, points: LightPoints) -> Array:

@@ -28,6 +28,7 @@ from jaxrt.scene import Scene
 from jaxrt.shapes import Geometry, find, surface_point
 from jaxrt.shapes.sphere import onto_sphere, sphere_error
 from jaxrt.shapes.triangle import triangle_point_at
+from jaxrt.transport.outputs import what_is_met
 from jaxrt.transport.path import Tables, Walk, event_at, last_look, tables_of, walk_along
 
 CLOSE = 1e-5  # what hides an outline is nearer by this share of its distance
@@ -104,12 +105,15 @@ def _sample(plan: Plan, bins: int, operands: OutlineTables, draw: Draw) -> tuple
 def _radiances(
     plan: Plan, tables: Tables, outlines: Silhouettes, row: Array, rim: Rim, eye: Array, draw: Draw
 ) -> tuple[Array, Array, Array]:
-    """Return the radiance just outside and just inside an outline, and whether nothing hides it.
+    """Return the radiance, or the outputs, just outside and just inside an outline, and whether nothing hides it.
 
     Both use the same random numbers, so that equal surfaces on both sides cancel.
     """
     starts, clear = both_sides(tables, outlines, row, rim, eye)
-    both = jax.vmap(partial(_radiance_from, plan, tables, draw))(*starts)
+    if plan.outputs:
+        both = jax.vmap(partial(what_is_met, plan.outputs, tables))(*starts)
+    else:
+        both = jax.vmap(partial(_radiance_from, plan, tables, draw))(*starts)
     return both[0], both[1], clear
 
 

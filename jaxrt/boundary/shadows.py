@@ -35,6 +35,7 @@ from jaxrt.lights import Lights, LightTable, casters_of, intensity_toward
 from jaxrt.materials import Scattering, evaluate, scatter
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, leave, occluded, surface_point
+from jaxrt.transport.outputs import Output
 from jaxrt.transport.path import Tables, tables_of
 
 NUDGE = 1e-4  # of the distance to the outline: rays pass it at this distance, since grazing ones may go either way
@@ -54,6 +55,7 @@ class Plan(NamedTuple):
     geometry_moves: bool
     lights_move: bool
     devices: tuple[jax.Device, ...]
+    outputs: tuple[Output, ...] = ()  # whose edges are wanted, instead of those of radiance
 
 
 @pytree

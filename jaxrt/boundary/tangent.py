@@ -11,16 +11,17 @@ from jax.custom_derivatives import SymbolicZero
 
 from jaxrt import boundary
 from jaxrt.scene import Scene
+from jaxrt.transport.outputs import channels
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(2,))
 def moving_edges(scene: Scene, seed: Array, plan: boundary.Plan) -> Array:
-    """Return zeros (height, width, 3), whose derivative is what moving visibility edges add to that of the picture.
+    """Return zeros (height, width, channels), whose derivative is what moving visibility edges add to the picture's.
 
     seed: () uint32. What moves is read off the derivative that is asked for, whatever `plan` says of it: edges are not
     sampled unless they move. Raises ValueError where a second derivative is taken.
     """
-    return jnp.zeros((scene.camera.height, scene.camera.width, 3), scene.dtype)
+    return jnp.zeros((scene.camera.height, scene.camera.width, channels(plan.outputs)), scene.dtype)
 
 
 @partial(moving_edges.defjvp, symbolic_zeros=True)
@@ -36,7 +37,8 @@ def _moving_edges_jvp(plan: boundary.Plan, primals: tuple[Scene, Array], tangent
     parts = [name.split(".") for name in names]
     lights_move = any(part[0] == "lights" and part[-1] in {"position", "radius"} for part in parts)
     # What bends light moves all that is seen through it
-    bends = any(part[0] == "materials" and tuple(part[1:]) in scene.materials.bends for part in parts)
+    bending = () if plan.outputs else scene.materials.bends
+    bends = any(part[0] == "materials" and tuple(part[1:]) in bending for part in parts)
     geometry_moves = bends or any(part[0] in {"camera", "spheres", "triangles"} for part in parts)
     if not (lights_move or geometry_moves):
         return nothing, jnp.zeros_like(nothing)

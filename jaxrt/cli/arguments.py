@@ -76,11 +76,20 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     drawing.add_argument("--max-depth", type=count, metavar="D", help="scattering events along a path")
     drawing.add_argument("--width", type=count, metavar="W", help="columns")
     drawing.add_argument("--height", type=count, metavar="H", help="rows")
+    drawing.add_argument("--camera", type=_integer(0, COUNT_MAX), default=0, metavar="I", help="of [[cameras]] (0)")
     drawing.add_argument("--seed", type=seed, default=0, metavar="S", help="of the random numbers (0)")
     drawing.add_argument(
         "--sampler", default="sobol", metavar="NAME", help="sobol (default), stratified or independent"
     )
     drawing.add_argument("--cores", type=count, metavar="N", help="CPU cores (all)")
+    drawing.add_argument(
+        "--outputs",
+        type=_names,
+        default=(),
+        metavar="NAME,...",
+        help="draw these too, as layers of an EXR or PNGs beside: depth, normal, position, albedo, uv, mask[NAME], "
+        "shape, material, sky; with alpha the picture lacks the sky, to be laid over another",
+    )
     _add_display(parser)
     long = parser.add_argument_group("long renders")
     long.add_argument("--resume", action="store_true", help="go on from FILE.partial, which an interruption left")
@@ -139,7 +148,13 @@ def _add_gradcheck(parser: argparse.ArgumentParser) -> None:
 def _add_fit(parser: argparse.ArgumentParser) -> None:
     count, seed = _integer(1, COUNT_MAX), _integer(0, SEED_MAX)
     _add_scene(parser, "scene file (TOML), with the values to start from")
-    parser.add_argument("target", type=Path, metavar="TARGET", help="the picture to match: .exr, or .png (linearised)")
+    parser.add_argument(
+        "targets",
+        type=Path,
+        nargs="+",
+        metavar="TARGET",
+        help="the picture to match: .exr, or .png (linearised); one for each of the scene's [[cameras]]",
+    )
     parser.add_argument("--parameters", nargs="+", required=True, metavar="NAME[ROW]", help="what to recover")
     parser.add_argument("-o", "--output", type=Path, help="folder of the results (SCENE's name with _fit)")
     parser.add_argument("--spp", type=count, metavar="N", help="samples per pixel of the last stage")
@@ -163,6 +178,14 @@ def _integer(low: int, high: int) -> Callable[[str], int]:
         return value
 
     return convert
+
+
+def _names(text: str) -> tuple[str, ...]:
+    """Return what is listed, at most once each."""
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    if not all(names):
+        raise argparse.ArgumentTypeError(f"{show(text)} is no list: write NAME,NAME, such as depth,normal")
+    return names
 
 
 def _range(text: str) -> tuple[int, int]:

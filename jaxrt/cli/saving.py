@@ -2,7 +2,7 @@
 
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +11,15 @@ from numpy.typing import NDArray
 from jaxrt.cli.errors import UsageError
 from jaxrt.io.image import save_image
 
+Picture = NDArray[np.float32] | Mapping[str, NDArray[np.float32]]
+
 ELSEWHERE = 3  # exit status of a picture that is not where it should be, or not sound
 
 
-def save_picture(output: Path, image: NDArray[np.float32], exposure: float, srgb: bool) -> int:
+def save_picture(output: Path, image: Picture, exposure: float, srgb: bool) -> int:
     """Write the picture and return the exit status: 0, or 3 where it is elsewhere or has pixels that are not finite.
+
+    image: the picture, or outputs of which it is the first.
 
     Raises UsageError where it could be written nowhere.
     """
@@ -23,7 +27,7 @@ def save_picture(output: Path, image: NDArray[np.float32], exposure: float, srgb
     def write(path: Path) -> None:
         save_image(path, image, exposure=exposure, srgb=srgb, finite=False)
 
-    broken = _tell_broken(output, image)
+    broken = _tell_broken(output, next(iter(image.values())) if isinstance(image, Mapping) else image)
     return ELSEWHERE if not save(output, write, "picture") or broken else 0
 
 

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import jax
 
@@ -37,10 +38,19 @@ def described(args: argparse.Namespace) -> SceneDescription:
     description = read_description(args.scene, args.allow_folder)
     size = {k: v for k in ("width", "height") if (v := getattr(args, k)) is not None}
     drawn = {k: v for k in ("spp", "max_depth") if (v := getattr(args, k)) is not None}
-    camera = description.camera.model_copy(update=size)
+    camera = _camera(args, description).model_copy(update=size)
     check_memory(camera.width, camera.height, str(args.scene))
     render = description.render.model_copy(update=drawn)
     return description.model_copy(update={"camera": camera, "render": render})
+
+
+def _camera(args: argparse.Namespace, description: SceneDescription) -> Any:
+    """Return the camera that the arguments name, by default the first. Raises UsageError where there is none."""
+    number, views = getattr(args, "camera", 0), description.views
+    if number >= len(views):
+        last = f"0 to {len(views) - 1}" if len(views) > 1 else "0, the only one"
+        raise UsageError(f"argument --camera: {args.scene} has no camera {number}: use {last}")
+    return views[number]
 
 
 def present(cores: int | None) -> int:

@@ -129,6 +129,8 @@ class Lamp(NamedTuple):
 class SceneDescription(Table):
     """A whole scene. Rows of `spheres`, `meshes`, `triangles` and `lights` keep the order of the file."""
 
+    # Before `camera`, so that what is wrong in the first of several is told of these
+    cameras: Annotated[tuple[Annotated[Any, BeforeValidator(CAMERAS.validate)], ...], BeforeValidator(tables)] = ()
     camera: Annotated[Any, BeforeValidator(CAMERAS.validate)]
     render: RenderDefaults = RenderDefaults()
     environment: EnvironmentDescription | None = None
@@ -204,6 +206,24 @@ class SceneDescription(Table):
         low, high = np.min(points, axis=0), np.max(points, axis=0)
         middle = (low + high) / 2
         return middle if np.linalg.norm(middle) > 8 * np.linalg.norm(high - low) else np.zeros(3)
+
+    @property
+    def views(self) -> tuple[Any, ...]:
+        """The cameras: that of `camera`, or all of `cameras`, whose first it then is."""
+        return (self.camera, *self.cameras[1:])
+
+    @model_validator(mode="before")
+    @classmethod
+    def _look_through_the_first(cls, value: Any) -> Any:
+        """Let the first of several cameras be that of the scene."""
+        if not isinstance(value, Mapping) or "cameras" not in value:
+            return value
+        if "camera" in value:
+            raise complaint("stand beside [camera]: write that as the first of [[cameras]]", "cameras")
+        cameras = value["cameras"]
+        if not isinstance(cameras, list | tuple) or not cameras:
+            raise complaint("is no list of cameras: write tables [[cameras]] with position = [0, 0, 55]", "cameras")
+        return {**value, "camera": cameras[0]}
 
     @model_validator(mode="before")
     @classmethod

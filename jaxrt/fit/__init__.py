@@ -22,6 +22,7 @@ from jaxrt.fit.lacks import missing_terms, warning_of
 from jaxrt.fit.solve import FitError, Machine, Problem
 from jaxrt.fit.unknowns import Unknowns, all_rows, unknowns_of
 from jaxrt.fit.verdict import Verdict, standard_errors
+from jaxrt.fit.views import check_views, tall
 from jaxrt.scene import Scene, check_scene
 from jaxrt.scene.parameters import asked
 from jaxrt.scene.selectors import parse_selector
@@ -44,11 +45,11 @@ MANY = 300  # numbers sought at once: each is a derivative picture in every step
 
 
 def fit(
-    scene: Scene,
-    target: ArrayLike,
+    scene: Scene | Sequence[Scene],
+    target: ArrayLike | Sequence[ArrayLike],
     parameters: Sequence[str],
     *,
-    weight: ArrayLike | None = None,
+    weight: ArrayLike | Sequence[ArrayLike | None] | None = None,
     spp: int | None = None,
     max_depth: int | None = None,
     seed: int = 0,
@@ -66,23 +67,32 @@ def fit(
     resume: the `progress` of an earlier fit of the same, to go on from as if it had not ended. progress: called
     after each step.
 
+    Several views are fitted together: scene is then a list of scenes alike but for their cameras, as
+    `jaxrt.load_views` returns, with a list of targets, and of weights. What is sought of the camera is the same for
+    all. The answer's `scene` is the first of them, its pictures stand one below the other.
+
     Ctrl-C ends the steps, and judges the best so far. The answer is never worse on fresh seeds than the start.
     Raises MissingExtra (a SceneError, an ImportError) without the packages of jaxrt[fit], SceneError for unknown
     parameters, FitError (a SceneError) for targets that do not fit and where a picture or a derivative is not finite,
     and ValueError for counts out of range. Warns SceneWarning of what derivatives lack.
     """
     require("fit", "optimistix")
-    check_scene(scene)
-    scene = asked(scene, _names(parameters))
+    scenes, targets, weights = _views(scene, target, weight)
+    scenes = [asked(one, _names(parameters)) for one in scenes]
+    scene = scenes[0]
     spp = _count("spp", scene.defaults.spp if spp is None else spp)
     counts = {"max_steps": _count("max_steps", max_steps), "starts": _count("starts", starts)}
     depth = _count("max_depth", scene.defaults.max_depth if max_depth is None else max_depth)
-    picture, trust = _checked(target, weight)
+    pairs = [_checked(*pair) for pair in zip(targets, weights, strict=True)]
     unknowns = sought(scene, parameters)
+    check_views(scenes, unknowns)
     missing = missing_terms(scene, unknowns, depth)
     if missing:
         warnings.warn(warning_of(missing), SceneWarning, stacklevel=2)
-    problem = Problem(_sized(scene, picture), unknowns, picture, trust, depth)
+    sized = [_sized(view, picture) for view, (picture, _) in zip(scenes, pairs, strict=True)]
+    cameras = tuple(view.camera for view in sized) if len(sized) > 1 else ()
+    picture, trust = (tall(parts) for parts in zip(*pairs, strict=True))
+    problem = Problem(sized[0], unknowns, picture, trust, depth, cameras=cameras)
     seed = _count("seed", seed, least=0)
 
     def report(step: Step) -> None:
@@ -114,6 +124,20 @@ def sought(scene: Scene, parameters: Sequence[str]) -> Unknowns:
 
 def _names(parameters: Sequence[str]) -> list[str]:
     return [parameters] if isinstance(parameters, str) else list(parameters)
+
+
+def _views(scene: Any, target: Any, weight: Any) -> tuple[list[Scene], list[Any], list[Any]]:
+    """Return scenes, targets and weights of all views. Raises FitError where there are not as many of each."""
+    if not isinstance(scene, list | tuple):
+        check_scene(scene)
+        return [scene], [target], [weight]
+    for one in scene:
+        check_scene(one)
+    weights = [None] * len(scene) if weight is None else weight
+    for name, given in (("target", target), ("weight", weights)):
+        if not scene or not isinstance(given, list | tuple) or len(given) != len(scene):
+            raise FitError(f"{name}: {len(scene)} scenes want a list of as many: pass one for each view")
+    return list(scene), list(target), list(weights)
 
 
 def _checked(target: ArrayLike, weight: ArrayLike | None) -> tuple[Array, Array]:

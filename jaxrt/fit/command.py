@@ -3,10 +3,11 @@
 import argparse
 import sys
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 from jaxrt.description import SceneDescription, SceneWarning
-from jaxrt.fit import Fit, Step, alike, fit, sought
+from jaxrt.fit import Fit, FitError, Step, alike, fit, sought
 from jaxrt.fit.answer import numbers
 from jaxrt.fit.document import write_scene
 from jaxrt.fit.files import (
@@ -21,6 +22,7 @@ from jaxrt.fit.files import (
 )
 from jaxrt.io.scene_file import read_description
 from jaxrt.scene import build
+from jaxrt.scene.build import views_of
 from jaxrt.scene.checks import check_memory
 from jaxrt.scene.parameters import asked
 
@@ -40,11 +42,11 @@ def run_fit(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
-    target = load_target(args.target, args.srgb)
-    description = _sized(read_description(args.scene, args.allow_folder), target, args)
-    scene = asked(build(description), args.parameters)
-    unknowns = sought(scene, args.parameters)
-    _say(*target.notes)
+    targets = [load_target(path, args.srgb) for path in args.targets]
+    description = _sized(read_description(args.scene, args.allow_folder), targets, args)
+    scenes = [asked(scene, args.parameters) for scene in views_of(build(description), description)]
+    unknowns = sought(scenes[0], args.parameters)
+    _say(*(note for target in targets for note in target.notes))
     folder: Path = args.output
     folder.mkdir(exist_ok=True)
     resume = read_progress(folder / "fit.json", unknowns) if args.resume else None
@@ -58,16 +60,17 @@ def _run(args: argparse.Namespace) -> int:
 
     if resume is None:
         # What has no place in the file is refused before anything is compiled
-        start = unknowns.values(unknowns.vector(scene))
+        start = unknowns.values(unknowns.vector(scenes[0]))
         write_scene(args.scene, folder / "fitted.toml", start, selectors, description)
     answer = fit(
-        scene, target.image, args.parameters, weight=target.weight, spp=args.spp, max_depth=args.max_depth,
-        seed=args.seed, max_steps=args.max_steps, starts=args.starts, resume=resume, progress=report,
+        scenes, [target.image for target in targets], args.parameters, weight=[target.weight for target in targets],
+        spp=args.spp, max_depth=args.max_depth, seed=args.seed, max_steps=args.max_steps, starts=args.starts,
+        resume=resume, progress=report,
     )  # fmt: skip
     write_scene(args.scene, folder / "fitted.toml", answer.values, selectors, description)
     write_report(folder / "fit.json", final_report(answer))
     draw_losses(folder / "loss.png", answer.history)
-    draw_before_after(folder / "before_after.png", target, answer.before, answer.after)
+    draw_before_after(folder / "before_after.png", targets, answer.before, answer.after)
     _conclude(folder, answer)
     if answer.interrupted:
         _say("interrupted: the best so far is written, go on with --resume")
@@ -75,15 +78,25 @@ def _run(args: argparse.Namespace) -> int:
     return 1 if answer.verdict.word in ("stalled", "ambiguous") else 0
 
 
-def _sized(description: SceneDescription, target: Target, args: argparse.Namespace) -> SceneDescription:
-    """Return the description with the target's size, where that has the shape of its own; else `fit` refuses it."""
-    height, width, _ = target.image.shape
-    camera = description.camera
-    check_memory(width, height, str(args.target))
-    if (camera.width, camera.height) == (width, height) or not alike(camera, width, height):
-        return description
-    _say(f"the scene is drawn in the target's size, {width}x{height}")
-    return description.model_copy(update={"camera": camera.model_copy(update={"width": width, "height": height})})
+def _sized(description: SceneDescription, targets: Sequence[Target], args: argparse.Namespace) -> SceneDescription:
+    """Return the description with cameras of the targets' sizes, where these have their shapes; else `fit` refuses.
+
+    Raises FitError where there are more of one than of the other.
+    """
+    if len(targets) != len(description.views):
+        raise FitError(
+            f"{args.scene}: cameras: {len(description.views)}, for {len(targets)} pictures: name one picture for each "
+            "camera, in the order of [[cameras]]"
+        )
+    cameras = []
+    for camera, target, path in zip(description.views, targets, args.targets, strict=True):
+        height, width, _ = target.image.shape
+        check_memory(width, height, str(path))
+        if (camera.width, camera.height) != (width, height) and alike(camera, width, height):
+            _say(f"the scene is drawn in the size of {path}, {width}x{height}")
+            camera = camera.model_copy(update={"width": width, "height": height})
+        cameras.append(camera)
+    return description.model_copy(update={"camera": cameras[0], "cameras": tuple(cameras)})
 
 
 def told(step: Step) -> str:

@@ -47,6 +47,9 @@ def _put(document: Any, selector: Selector, text: str, value: Floats, scene: Sce
         total = sum(len(mesh.vertices) for mesh in scene.meshes) + 3 * len(scene.triangles)
         rows = np.atleast_1d(np.arange(total)[selector.row])
         _put_vertices(document, rows, np.reshape(value, (-1, 3)), text, scene)
+    elif owner == "camera" and "cameras" in document:
+        for table in document["cameras"]:
+            table[field] = _plain(value)
     elif owner in ("camera", "environment"):
         document[owner][field] = _plain(value)
     else:

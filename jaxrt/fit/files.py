@@ -3,7 +3,7 @@
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -146,23 +146,31 @@ def draw_losses(path: Path, losses: tuple[float, ...]) -> None:
     write_whole(path, lambda file: figure.savefig(file, format="png", dpi=120))
 
 
-def draw_before_after(path: Path, target: Target, before: Floats, after: Floats) -> None:
-    """Draw target, start, answer, and the errors of both in one colour scale."""
+def draw_before_after(path: Path, targets: Sequence[Target], before: Floats, after: Floats) -> None:
+    """Draw targets, start, answer, and the errors of both in one colour scale: a row for each view.
+
+    before, after: pictures of all views, one below the other.
+    """
     from matplotlib.figure import Figure
 
-    seen = target.image * target.weight
-    errors = [np.mean(picture - seen, axis=-1) for picture in (before, after)]
-    bright = float(np.quantile(seen.max(axis=-1), 0.99)) or 1.0
-    widest = float(np.max(np.abs(errors[0]))) or 1.0
-    figure = Figure(figsize=(13, 3), layout="constrained")
-    axes = figure.subplots(1, 5)
-    for place, title, picture in zip(axes, ("target", "start", "fit"), (seen, before, after), strict=False):
-        place.imshow(np.clip(gamma_encode(picture / bright), 0, 1))
-        place.set_title(title)
-    for place, title, error in zip(axes[3:], ("start - target", "fit - target"), errors, strict=True):
-        shown = place.imshow(error, cmap="RdBu_r", vmin=-widest, vmax=widest)
-        place.set_title(title)
-    figure.colorbar(shown, ax=axes[4])
-    for place in axes:
-        place.set_axis_off()
+    figure = Figure(figsize=(13, 3 * len(targets)), layout="constrained")
+    rows, first = figure.subplots(len(targets), 5, squeeze=False), 0
+    views = []
+    for target in targets:
+        height, width, _ = target.image.shape
+        seen, own = target.image * target.weight, slice(first, first + height)
+        views.append((seen, before[own, :width], after[own, :width]))
+        first += height
+    bright = float(np.quantile(np.concatenate([seen.max(axis=-1).ravel() for seen, _, _ in views]), 0.99)) or 1.0
+    widest = max(float(np.max(np.abs(np.mean(start - seen, axis=-1)))) for seen, start, _ in views) or 1.0
+    for axes, (seen, *pictures) in zip(rows, views, strict=True):
+        for place, title, picture in zip(axes, ("target", "start", "fit"), (seen, *pictures), strict=False):
+            place.imshow(np.clip(gamma_encode(picture / bright), 0, 1))
+            place.set_title(title)
+        for place, title, picture in zip(axes[3:], ("start - target", "fit - target"), pictures, strict=True):
+            shown = place.imshow(np.mean(picture - seen, axis=-1), cmap="RdBu_r", vmin=-widest, vmax=widest)
+            place.set_title(title)
+        figure.colorbar(shown, ax=axes[4])
+        for place in axes:
+            place.set_axis_off()
     write_whole(path, lambda file: figure.savefig(file, format="png", dpi=100))

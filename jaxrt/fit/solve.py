@@ -22,6 +22,7 @@ from jaxrt.cameras import edges_known
 from jaxrt.description import SceneError
 from jaxrt.fit.unknowns import Unknowns
 from jaxrt.fit.verdict import promised_gain
+from jaxrt.fit.views import draw_views
 from jaxrt.kernels.jacobian import value_and_jacobian
 from jaxrt.render import draw_sum, prepare
 from jaxrt.scene import Scene
@@ -64,18 +65,23 @@ class Problem:
     weight: Array  # (height, width, 3) 1, or 0 where the target is not to be trusted
     max_depth: int | None = None
     sampler: str = "sobol"
-    boundary_samples: int | None = None  # None: 4 a pixel where edges move that are known
+    boundary_samples: int | None = None  # of each view; None: 4 a pixel where edges move that are known
+    cameras: tuple[Any, ...] = ()  # of several views, the scene's own first; their targets stand one below the other
 
     @property
     def edges(self) -> int:
-        """Return the number of edge samples."""
+        """Return the number of edge samples of all views."""
+        return sum(self.edges_of(camera) for camera in self.cameras or (self.scene.camera,))
+
+    def edges_of(self, camera: Any) -> int:
+        """Return the number of edge samples of a camera's picture."""
         if self.boundary_samples is not None:
             return self.boundary_samples
         names = [row.selector.name for row in self.unknowns.rows]
         materials = self.scene.materials
         moving = any(moves_lamps(name) or moves_shapes(name) or bends_light(materials, name) for name in names)
-        known = moving and edges_known(self.scene.camera)
-        return EDGES_PER_PIXEL * self.target.shape[0] * self.target.shape[1] if known else 0
+        known = moving and edges_known(camera)
+        return EDGES_PER_PIXEL * camera.width * camera.height if known else 0
 
     @property
     def blurs(self) -> bool:
@@ -111,8 +117,8 @@ class Machine:
 
         self.problem = problem
         self.start = problem.unknowns.vector(problem.scene)
-        self._constants = (problem.scene, problem.target, problem.weight * (GAIN / problem.scale))
-        residual = partial(_linear_model, problem.unknowns, problem.max_depth, problem.sampler, problem.edges)
+        self._constants = _constants(problem)
+        residual = partial(_linear_model, problem)
         solver: Any = optimistix.LevenbergMarquardt(rtol=0.0, atol=0.0)
         search: Any = optimistix.ClassicalTrustRegion(low_constant=SHORTER)
         solver = equinox.tree_at(lambda solver: solver.search, solver, search)
@@ -136,14 +142,11 @@ class Machine:
         picture = old.target if target is None else jnp.asarray(target)
         other.problem = problem = replace(old, scene=old.scene if scene is None else scene, target=picture)
         other.start = problem.unknowns.vector(problem.scene)
-        other._constants = (problem.scene, problem.target, problem.weight * (GAIN / problem.scale))
+        other._constants = _constants(problem)
         return other
 
     def _arguments(self, seed: int, how: Drawing) -> tuple[Any, Any, Any, Any, Any]:
-        height, width, _ = self.problem.target.shape
-        pixels = how.blur * min(height, width)
-        filters = tuple(_gaussian(size, pixels, self.start.dtype) for size in (height, width))
-        blurs = filters if self.problem.blurs else None
+        blurs = _filters(self.problem, how.blur, self.start.dtype) if self.problem.blurs else None
         return self._constants, np.uint32(seed), np.int32(how.spp), np.int32(how.rounds), blurs
 
     def _from(self, vector: Vector, seed: int, how: Drawing, step_size: float | None) -> Iterator[tuple[Vector, Any]]:
@@ -199,24 +202,40 @@ class Machine:
         return residual.reshape(shape), jacobian.reshape(*shape, -1)
 
 
+def _constants(problem: Problem) -> tuple[Any, ...]:
+    """Return what a problem's program is given of it; all else of the problem is part of the program."""
+    return problem.scene, problem.cameras, problem.target, problem.weight * (GAIN / problem.scale)
+
+
 def _linear_model(
-    unknowns: Unknowns,
-    max_depth: int | None,
-    sampler: str,
-    edges: int,
-    vector: Array,
-    arguments: tuple[Any, Array, Array, Array, Any],
+    problem: Problem, vector: Array, arguments: tuple[Any, Array, Array, Array, Any]
 ) -> tuple[Array, tuple[Array, Array]]:
     """Return the residual (n,) as a function of `vector`, linear around it, and (residual, Jacobian)."""
-    (scene, target, weight), seed, spp, rounds, filters = arguments
+    (scene, cameras, target, weight), seed, spp, rounds, filters = arguments
 
     def residual(vector: Array) -> Array:
-        picture = picture_of(unknowns.apply(scene, vector), seed, spp, max_depth, sampler, edges, rounds)
+        def draw(view: Scene, seed: Array) -> Array:
+            moved, edges = problem.unknowns.apply(view, vector), problem.edges_of(view.camera)
+            return picture_of(moved, seed, spp, problem.max_depth, problem.sampler, edges, rounds)
+
+        picture = draw_views(draw, scene, cameras, seed) if cameras else draw(scene, seed)
         return _blurred((picture - target) * weight, filters).ravel()
 
     here = lax.stop_gradient(vector)
     value, jacobian = value_and_jacobian(residual, here)
     return value + jnp.matmul(jacobian, vector - here, precision=lax.Precision.HIGHEST), (value, jacobian)
+
+
+def _filters(problem: Problem, blur: float, dtype: Any) -> tuple[Vector, Vector]:
+    """Return the matrices that blur the picture along columns, each view by itself, and along rows."""
+    height, width, _ = problem.target.shape
+    down, first = np.zeros((height, height), dtype), 0
+    pixels = [blur * min(camera.height, camera.width) for camera in problem.cameras or (problem.scene.camera,)]
+    heights = [camera.height for camera in problem.cameras] or [height]
+    for size, spread in zip(heights, pixels, strict=True):
+        down[first : first + size, first : first + size] = _gaussian(size, spread, dtype)
+        first += size
+    return down, _gaussian(width, max(pixels), dtype)
 
 
 def _gaussian(size: int, width: float, dtype: Any) -> Vector:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from jaxrt.io import color
 from jaxrt.io.files import PICTURE_BYTES, check_size
+from jaxrt.io.layers import layer_in
 
 Pixels = NDArray[np.float32]
 
@@ -56,8 +57,11 @@ def _check_chunks(data: bytes) -> None:
         place = end + 4
 
 
-def decode_exr(path: Path, data: bytes) -> Pixels:
-    """Return the (H, W, 3) picture of the channels R, G, B, or Y alone, in the EXR file at `path` with `data`."""
+def decode_exr(path: Path, data: bytes, layer: str | None = None) -> Pixels:
+    """Return the (H, W, 3) picture of the channels R, G, B, or Y alone, in the EXR file at `path` with `data`.
+
+    layer: return that output (H, W) or (H, W, c) instead.
+    """
     import OpenEXR
 
     if not data.startswith(EXR_START):
@@ -65,14 +69,16 @@ def decode_exr(path: Path, data: bytes) -> Pixels:
     check_size(path, _exr_bytes(data), PICTURE_BYTES, "decodes to")
     with _hushed(), OpenEXR.File(str(path), separate_channels=True) as file:
         channels = {name: channel.pixels for name, channel in file.channels().items()}
-    names = ("R", "G", "B") if "R" in channels else ("Y", "Y", "Y")
+    names = ["R", "G", "B"] if "R" in channels else ["Y", "Y", "Y"]
+    if layer is not None:
+        names = layer_in(channels, layer)
     missing = [name for name in names if name not in channels]
     if missing:
         raise ValueError(f"has no channel {missing[0]}")
     planes = [np.asarray(channels[name], np.float32) for name in names]
     if planes[0].ndim != 2 or any(plane.shape != planes[0].shape for plane in planes) or planes[0].size == 0:
         raise ValueError("its channels are of different sizes")
-    return np.stack(planes, axis=-1)
+    return planes[0] if len(planes) == 1 else np.stack(planes, axis=-1)
 
 
 def _exr_bytes(data: bytes) -> int:

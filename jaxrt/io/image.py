@@ -2,6 +2,8 @@
 
 import logging
 import os
+from collections.abc import Mapping
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -10,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jaxrt.core.messages import SceneError, one_line
+from jaxrt.core.messages import show as show_name
 from jaxrt.core.writing import write_whole
-from jaxrt.io import color
+from jaxrt.io import color, layers
 from jaxrt.io.decode import Pixels, decode_exr, decode_png
 from jaxrt.io.files import PICTURE_BYTES, StrPath, instead_of, read_bytes
 
@@ -31,8 +34,17 @@ def check_suffix(path: StrPath) -> str:
     return suffix
 
 
-def save_image(path: StrPath, image: ArrayLike, exposure: float = 0.0, srgb: bool = False, finite: bool = True) -> None:
+def save_image(
+    path: StrPath,
+    image: ArrayLike | Mapping[str, ArrayLike],
+    exposure: float = 0.0,
+    srgb: bool = False,
+    finite: bool = True,
+) -> None:
     """Write an (H, W, 3) picture of linear radiance, times 2**exposure, to a .png or .exr file.
+
+    Or what `jaxrt.render(outputs=...)` returns: an EXR has a layer for each output, besides a PNG stands one for each,
+    `room.depth.png` beside `room.png`. "foreground" with "alpha" is a picture that can be laid over another.
 
     PNG: 8 bits, gamma 2.2 (or the sRGB curve), clipped to [0, 1]. EXR: linear float32, not clipped.
     finite: False takes pixels that are not finite too; PNG shows NaN black.
@@ -40,12 +52,48 @@ def save_image(path: StrPath, image: ArrayLike, exposure: float = 0.0, srgb: boo
     that is not finite, OSError with path and reason where the file cannot be written.
     """
     suffix = check_suffix(path)
+    if isinstance(image, Mapping):
+        _save_layers(Path(path), suffix, image, exposure, srgb, finite)
+        return
     pixels = _check_pixels(image, exposure, finite)
     write_whole(Path(path), lambda file: _WRITERS[suffix](file, pixels, srgb))
 
 
-def load_image(path: StrPath, srgb: bool = False) -> Pixels:
+def _save_layers(
+    path: Path, suffix: str, image: Mapping[str, ArrayLike], exposure: float, srgb: bool, finite: bool
+) -> None:
+    """Write outputs as layers of one file, or as files beside one another."""
+    found = {name: _check_layer(name, layer, exposure, finite) for name, layer in image.items()}
+    if suffix == ".exr":
+        write_whole(path, lambda file: _write_channels(file, layers.channels_of(found)))
+        return
+    main = layers.main_of(found)
+    for name, layer in found.items():
+        if name == "alpha" and main == "foreground":
+            continue
+        display = layers.shown(name, layer)
+        if name == main == "foreground":
+            display = layers.with_alpha(layer, found["alpha"], srgb)
+        levels = _levels(layer, srgb) if display is None else _rounded(display)
+        write_whole(path if name == main else layers.png_beside(path, name), partial(_write_levels, levels))
+
+
+def _check_layer(name: str, layer: ArrayLike, exposure: float, finite: bool) -> Pixels:
+    """Return an output in float32, exposed if it is light. Raises ValueError naming what is wrong."""
+    if layers.is_light(name):
+        return _check_pixels(layer, exposure, finite, name)
+    values = np.asarray(layer)
+    if values.ndim not in (2, 3) or values.size == 0 or values.dtype.kind not in "fiu":
+        raise ValueError(f"{show_name(name)}: {values.dtype} {values.shape} is no output: pass what render returns")
+    if finite and not np.isfinite(values).all():
+        raise ValueError(f"{show_name(name)}: has pixels that are not finite: mend it before saving")
+    return values.astype(np.float32)
+
+
+def load_image(path: StrPath, srgb: bool = False, layer: str | None = None) -> Pixels:
     """Return the (H, W, 3) float32 linear picture in a .png or .exr file.
+
+    layer: return that output of an EXR file instead, such as "depth" (H, W) or "normal" (H, W, 3).
 
     PNG holds display values: they are linearised by gamma 2.2, or by the sRGB curve, and that is logged.
     Alpha is dropped. Raises ValueError for an unknown suffix, for what is broken or too large, FileNotFoundError for
@@ -60,7 +108,9 @@ def load_image(path: StrPath, srgb: bool = False) -> Pixels:
     data = read_bytes(path, tuple(_WRITERS), "a picture", limit=PICTURE_BYTES)
     try:
         if suffix == ".exr":
-            return decode_exr(path, data)
+            return decode_exr(path, data, layer)
+        if layer is not None:
+            raise ValueError("a PNG has no layers")
         pixels = decode_png(path, data, srgb)
     except (SceneError, MemoryError):
         raise
@@ -71,23 +121,25 @@ def load_image(path: StrPath, srgb: bool = False) -> Pixels:
     return pixels
 
 
-def _check_pixels(image: ArrayLike, exposure: float, finite: bool) -> Pixels:
+def _check_pixels(image: ArrayLike, exposure: float, finite: bool, name: str = "image") -> Pixels:
     """Return the exposed picture in float32, or raise ValueError naming what is wrong."""
     try:
         pixels = np.asarray(image)
     except Exception:  # rows of different lengths; and JAX's own, of many lines, for what is traced
-        raise ValueError(f"image: {type(image).__name__} is no picture: pass an array, and not under jax.jit") from None
+        raise ValueError(
+            f"{name}: {type(image).__name__} is no picture: pass an array, and not under jax.jit"
+        ) from None
     if pixels.dtype.kind not in "fiu":
-        raise ValueError(f"image: {pixels.dtype} is no radiance: pass an array of numbers (height, width, 3)")
+        raise ValueError(f"{name}: {pixels.dtype} is no radiance: pass an array of numbers (height, width, 3)")
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
-        raise ValueError(f"image: shape {pixels.shape} is no picture: pass (height, width, 3)")
+        raise ValueError(f"{name}: shape {pixels.shape} is no picture: pass (height, width, 3)")
     if not np.isfinite(exposure):
         raise ValueError(f"exposure: {exposure} is not finite: pass a number of stops")
     with np.errstate(over="ignore", invalid="ignore"):
         exposed = (pixels.astype(np.float64) * np.exp2(exposure)).astype(np.float32)
     if finite and not np.isfinite(exposed).all():
         i, j, c = (int(n) for n in np.argwhere(~np.isfinite(exposed))[0])
-        raise ValueError(f"image[{i}, {j}, {c}]: {exposed[i, j, c]} is not finite: mend the picture before saving")
+        raise ValueError(f"{name}[{i}, {j}, {c}]: {exposed[i, j, c]} is not finite: mend the picture before saving")
     return exposed
 
 
@@ -108,22 +160,34 @@ def show(image: ArrayLike, exposure: float = 0.0, srgb: bool = False, finite: bo
 
 def _levels(pixels: Pixels, srgb: bool) -> Levels:
     encoded = color.srgb_encode(pixels) if srgb else color.gamma_encode(pixels)
-    shown = np.where(np.isnan(encoded), 0, encoded)
+    return _rounded(encoded)
+
+
+def _rounded(display: NDArray[np.floating]) -> Levels:
+    shown = np.where(np.isnan(display), 0, display)
     return np.rint(255 * np.clip(shown, 0, 1)).astype(np.uint8)
 
 
 def _write_png(file: BinaryIO, pixels: Pixels, srgb: bool) -> None:
+    _write_levels(_levels(pixels, srgb), file)
+
+
+def _write_levels(levels: Levels, file: BinaryIO) -> None:
     from PIL import Image
 
-    Image.fromarray(_levels(pixels, srgb)).save(file, format="PNG")
+    Image.fromarray(levels).save(file, format="PNG")
 
 
 def _write_exr(file: BinaryIO, pixels: Pixels, srgb: bool) -> None:
+    _write_channels(file, {"RGB": np.ascontiguousarray(pixels)})
+
+
+def _write_channels(file: BinaryIO, channels: Mapping[str, Pixels]) -> None:
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     content = BytesIO()  # the library does not tell what is wrong with a disk
-    with OpenEXR.File(header, {"RGB": np.ascontiguousarray(pixels)}) as picture:
+    with OpenEXR.File(header, dict(channels)) as picture:
         picture.write(content)
     file.write(content.getbuffer())
 

@@ -14,12 +14,12 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.core.maths import safe_divide
-from jaxrt.core.pytree import pytree, with_fields
+from jaxrt.core.pytree import dtype_of, pytree, with_fields
 from jaxrt.core.records import SurfacePoint
 from jaxrt.description.kinds import MATERIALS
 from jaxrt.kernels.gather import take
 
-__all__ = ["Materials", "Scattering", "evaluate", "scatter", "single"]
+__all__ = ["Materials", "Scattering", "albedo_of", "evaluate", "scatter", "single"]
 
 MATERIALS.load("diffuse", "mirror", "glass")  # one file each, numbered in this order
 
@@ -148,6 +148,17 @@ def evaluate(materials: Materials, surface: SurfacePoint, wo: Array, wi: Array) 
             value, pdf = jnp.where(here, found[0], value), jnp.where(here, lax.stop_gradient(found[1]), pdf)
         first = end
     return value, pdf
+
+
+def albedo_of(materials: Materials, row: Array) -> Array:
+    """Return the `albedo` (3,) of a material: 1 of a kind that has no such field, and 0 of sphere lights."""
+    albedo, first = jnp.zeros(3, dtype_of(materials)), 0
+    for kind, end in zip(materials.kinds, accumulate(materials.counts), strict=True):
+        one = _row(kind, row, first, end)
+        own = one.albedo if "albedo" in kind.kind.parameters else 1
+        albedo = jnp.where(_within(row, first, end), own, albedo)
+        first = end
+    return albedo
 
 
 def _row(kind: Any, row: Array, first: int, end: int) -> Any:

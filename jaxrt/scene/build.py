@@ -5,6 +5,7 @@
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from os import PathLike
 from typing import Any
 
@@ -60,12 +61,21 @@ def build(description: SceneDescription | Mapping[str, Any], dtype: DTypeLike = 
         origin=jnp.asarray(origin, dtype) if origin.any() else None,
         poses=poses,
         defaults=description.render,
-        names=names_of(described),
+        names=names_of(described, listed.rows),
     )
     if any(table.pose for table in (*described.meshes, *described.groups.values())):
         scene = with_poses(scene)
     devices = default_devices()
     return scene if len(devices) == 1 else everywhere(scene, devices)
+
+
+def views_of(scene: Scene, description: SceneDescription) -> tuple[Scene, ...]:
+    """Return for each camera of a description the scene as it sees it; all else is shared. scene: what was built."""
+    origin = description.origin
+    others = (CAMERAS.kind_of(table).single(table, scene.dtype, origin) for table in description.views[1:])
+    devices = default_devices()
+    placed = (camera if len(devices) == 1 else everywhere(camera, devices) for camera in others)
+    return (scene, *(replace(scene, camera=camera) for camera in placed))
 
 
 def _spheres(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, dtype: DTypeLike) -> Spheres | None:

@@ -8,8 +8,10 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
+import numpy as np
 
 from jaxrt.description import SceneDescription, SceneError, nearest, show
 from jaxrt.description.kinds import LIGHTS, MATERIALS
@@ -21,11 +23,28 @@ SINGULAR = {"materials": "material", "lights": "light", "spheres": "sphere", "me
 Row = int | slice
 
 
-class Names:
-    """The rows that have names: parameter, or owner of parameters, to name to row, or rows."""
+class Material(NamedTuple):
+    """A material that something is made of."""
 
-    def __init__(self, rows: Mapping[str, Mapping[str, Row]] | None = None) -> None:
-        self.rows = rows or {}
+    row: int
+    number: int  # in the scene file
+
+
+class Things(NamedTuple):
+    """What can be seen, by name, and where meshes begin and end."""
+
+    spheres: Mapping[str, int] = {}
+    lights: Mapping[str, int] = {}  # number among those that are balls or points
+    meshes: Mapping[str, tuple[int, int]] = {}  # first and end of its faces
+    materials: Mapping[str, Material] = {}
+    faces: tuple[int, ...] = ()  # of each mesh
+
+
+class Names:
+    """The rows that have names: parameter, or owner of parameters, to name to row, or rows; and the things."""
+
+    def __init__(self, rows: Mapping[str, Mapping[str, Row]] | None = None, things: Things | None = None) -> None:
+        self.rows, self.things = rows or {}, things or Things()
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Names)
@@ -42,8 +61,10 @@ class Names:
         return self.rows.get(parameter) or self.rows.get(owner) or {}
 
 
-def names_of(scene: SceneDescription) -> Names:
+def names_of(scene: SceneDescription, materials: Mapping[str, int]) -> Names:
     """Return the names in a description: of materials and groups, of spheres, lights and meshes that have one.
+
+    materials: the row of each that something is made of.
 
     A mesh without one goes by its file's name without suffix where no other does, or else by `mesh0`, `mesh1`, ….
     """
@@ -58,24 +79,36 @@ def names_of(scene: SceneDescription) -> Names:
     rows: dict[str, Mapping[str, Row]] = {
         key: {name: i for i, name in enumerate(names) if name is not None} for key, names in fields.items()
     }
-    vertices = dict(_meshes(scene))
-    rows["meshes.vertices"] = {name: span for name, (_, span) in vertices.items()}
-    rows["meshes"] = {name: i for name, (i, _) in vertices.items()}
-    return Names(rows)
+    vertices, faces = ([0, *np.cumsum(counts).tolist()] for counts in _counts(scene))
+    meshes = dict(_meshes(scene))
+    rows["meshes.vertices"] = {name: slice(vertices[i], vertices[i + 1]) for name, i in meshes.items()}
+    rows["meshes"] = meshes
+    lamps = [light for light in scene.lights if light.type == LIGHTS.default]
+    numbers = {name: i for i, name in enumerate(scene.materials)}
+    things = Things(
+        spheres=rows["spheres"],  # type: ignore[arg-type]
+        lights={light.name: i for i, light in enumerate(lamps) if light.name is not None},
+        meshes={name: (faces[i], faces[i + 1]) for name, i in meshes.items()},
+        materials={name: Material(row, numbers[name]) for name, row in materials.items()},
+        faces=tuple(len(mesh.kept) for mesh in scene.meshes),
+    )
+    return Names(rows, things)
 
 
-def _meshes(scene: SceneDescription) -> Iterator[tuple[str, tuple[int, slice]]]:
-    """Yield each mesh's name, number and vertices."""
+def _counts(scene: SceneDescription) -> tuple[list[int], list[int]]:
+    """Return the numbers of vertices and of faces of each mesh."""
+    return [len(mesh.vertices) for mesh in scene.meshes], [len(mesh.kept) for mesh in scene.meshes]
+
+
+def _meshes(scene: SceneDescription) -> Iterator[tuple[str, int]]:
+    """Yield each mesh's name and number."""
     given = [mesh.name for mesh in scene.meshes]
     stems = [None if mesh.file is None else Path(mesh.file).stem for mesh in scene.meshes]
     count = Counter([*given, *(stem for name, stem in zip(given, stems, strict=True) if name is None)])
-    first = 0
-    for i, mesh in enumerate(scene.meshes):
-        stem = stems[i]
+    for i, stem in enumerate(stems):
         name = given[i] or (stem if stem and count[stem] == 1 else f"mesh{i}")
         if given[i] or name not in given:
-            yield name, (i, slice(first, first + len(mesh.vertices)))
-        first += len(mesh.vertices)
+            yield name, i
 
 
 def rows_called(names: Names, text: str, parameters: Mapping[str, jax.Array]) -> tuple[str, Row | None]:

@@ -149,6 +149,11 @@ def surface_point(geometry: Geometry, ray: Ray, hit: Hit) -> SurfacePoint:
     return jax.tree.map(lambda x, y: jnp.where(on_sphere, x, y), a, b)
 
 
+def place_of(point: SurfacePoint) -> Array:
+    """Return where a point (3,) lies on the surface itself, which that of a smooth mesh may be lifted off."""
+    return point.position if point.smooth is None else point.smooth.facet
+
+
 def leave(point: SurfacePoint, direction: Array) -> Ray:
     """Return the ray from a surface point, its origin moved off the surface by the point's own rounding bound.
 

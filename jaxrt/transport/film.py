@@ -8,11 +8,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.custom_batching import sequential_vmap as in_turn
 from numpy.typing import NDArray
 
 from jaxrt.core.maths import kahan_add
 from jaxrt.core.samplers import SAMPLERS, Stream
+from jaxrt.kernels.gather import take
 from jaxrt.kernels.native import fold_packets, map_packets, on_devices
+from jaxrt.transport.outputs import Output, channels, first_met, numbers_met
 from jaxrt.transport.path import Tables, radiance
 
 BLOCK = 4  # samples, numbered from 0, whose sum is rounded; all that is divided anywhere is divided between blocks
@@ -35,6 +38,13 @@ class Plan(NamedTuple):
     tile: tuple[int, int]  # width, height of a packet in pixels
     devices: tuple[jax.Device, ...]
     shares: int = SHARES
+    outputs: tuple[Output, ...] = ()  # what is drawn instead of radiance
+    size: tuple[int, int] | None = None  # columns, rows of what is drawn; None: of the whole picture
+
+    @property
+    def channels(self) -> int:
+        """Numbers of a pixel."""
+        return channels(self.outputs)
 
     @property
     def lanes(self) -> int:
@@ -49,23 +59,43 @@ class Run(NamedTuple):
     first: Array  # () int32
     end: Array  # () int32, one past the last
     spp: Array  # () int32
+    corner: Array | None = None  # (2,) int32 column and row where a window begins
+    pixels: Array | None = None  # (n, 2) int32 column and row of each pixel of a list, drawn as a picture n × 1
 
 
 def sample_packet(plan: Plan, tables: Tables, run: Run, sample: Array, packet: Array, attached: bool = False) -> Array:
     """Return the radiance (lanes, 3) of sample number `sample` of the packet's pixels, in row order of its tile.
 
+    Or the outputs (lanes, channels) that are drawn instead.
+
     attached: with the light samples that derivatives want, see `path.radiance`.
     """
-    width, height = plan.tile
-    columns = -(-tables.camera.width // width)
-    lane = jnp.arange(width * height, dtype=jnp.int32)
-    x = packet % columns * width + lane % width
-    y = packet // columns * height + lane // width
+    x, y = _pixels_of(plan, tables, run, packet)
     return jax.vmap(partial(_sample, plan, tables, run, sample, attached))(x, y)
 
 
+def size_of(tables: Tables, plan: Plan) -> tuple[int, int]:
+    """Return columns and rows of what is drawn."""
+    return plan.size or (tables.camera.width, tables.camera.height)
+
+
+def _pixels_of(plan: Plan, tables: Tables, run: Run, packet: Array) -> tuple[Array, Array]:
+    """Return columns and rows (lanes,) of a packet's pixels."""
+    width, height = plan.tile
+    columns = -(-size_of(tables, plan)[0] // width)
+    lane = jnp.arange(width * height, dtype=jnp.int32)
+    x = packet % columns * width + lane % width
+    y = packet // columns * height + lane // width
+    if run.pixels is not None:
+        chosen = take(run.pixels, jnp.minimum(x, run.pixels.shape[0] - 1))
+        return chosen[:, 0], chosen[:, 1]
+    if run.corner is not None:
+        return x + run.corner[0], y + run.corner[1]
+    return x, y
+
+
 def _sample(plan: Plan, tables: Tables, run: Run, sample: Array, attached: bool, x: Array, y: Array) -> Array:
-    """Return the radiance (3,) of one sample of pixel (x, y), column and row."""
+    """Return the radiance (3,), or the outputs, of one sample of pixel (x, y), column and row."""
     dtype = tables.dtype
     pixel = y.astype(jnp.uint32) * jnp.uint32(tables.camera.width) + x.astype(jnp.uint32)
     stream = Stream(pixel, sample.astype(jnp.uint32), run.seed, run.spp.astype(jnp.uint32))
@@ -76,6 +106,8 @@ def _sample(plan: Plan, tables: Tables, run: Run, sample: Array, attached: bool,
 
     jitter = numbers(0)
     ray = tables.camera.ray((x.astype(dtype) + jitter[0], y.astype(dtype) + jitter[1]), jitter[2:])
+    if plan.outputs:
+        return first_met(plan.outputs, tables, ray)
     return radiance(tables, ray, numbers, plan.max_depth, plan.unroll, attached)
 
 
@@ -86,6 +118,23 @@ def draw_packets(f: Callable[[Operands, Array], Array], operands: Operands, size
         return map_packets(f, operands, packets[0], is_native(plan))[None]
 
     return _picture(on_devices(on_device, operands, _count(size, plan), plan.devices), size, plan)
+
+
+def draw_numbers(tables: Tables, run: Run, plan: Plan) -> Array:
+    """Return primitive and row of its material (height, width, 2) that each pixel's middle shows, −1 for nothing."""
+
+    def middle(tables: Tables, x: Array, y: Array) -> Array:
+        half = jnp.full((), 0.5, tables.dtype)
+        return numbers_met(
+            tables, tables.camera.ray((x.astype(half.dtype) + half, y.astype(half.dtype) + half), (half, half))
+        )
+
+    def packet(operands: tuple[Tables, Run], packet: Array) -> Array:
+        tables, run = operands
+        return jax.vmap(partial(middle, tables))(*_pixels_of(plan, tables, run, packet))
+
+    # Batches in turn, as for pictures
+    return in_turn(lambda *operands: draw_packets(packet, operands, size_of(tables, plan), plan))(tables, run)
 
 
 def shares_of(size: tuple[int, int], plan: Plan) -> tuple[int, int]:
@@ -136,11 +185,12 @@ def kahan_add_all(sums: list[list[Array]], values: list[Array]) -> list[list[Arr
 
 
 def packets_of(picture: Array, plan: Plan) -> Array:
-    """Return the packets (n, lanes, 3) of a picture (height, width, 3); what hangs over its edges is 0."""
+    """Return the packets (n, lanes, c) of a picture (height, width, c); what hangs over its edges is 0."""
     columns, rows, share = _layout((picture.shape[1], picture.shape[0]), plan)
     width, height = plan.tile
     picture = jnp.pad(picture, ((0, rows * height - picture.shape[0]), (0, columns * width - picture.shape[1]), (0, 0)))
-    packets = picture.reshape(rows, height, columns, width, 3).swapaxes(1, 2).reshape(rows * columns, height * width, 3)
+    tiles = picture.reshape(rows, height, columns, width, picture.shape[2]).swapaxes(1, 2)
+    packets = tiles.reshape(rows * columns, height * width, picture.shape[2])
     return jnp.pad(packets, ((0, share * len(plan.devices) - rows * columns), (0, 0), (0, 0)))
 
 

@@ -30,6 +30,7 @@ from jaxrt.transport.film import (
     kahan_add_all,
     packets_of,
     sample_packet,
+    size_of,
     sum_packets,
 )
 from jaxrt.transport.path import Tables
@@ -45,8 +46,8 @@ LARGEST_TILE = (32, 32)  # pixels, as many as a native kernel takes
 def draw(tables: Tables, run: Run, gradient_run: Run, plan: Plan) -> Array:
     """Return the sum (height, width, 3) of the samples of `run`; derivatives are drawn with those of `gradient_run`.
 
-    Derivatives hold the pixel's position, each light sample's place on its light and all discrete choices fixed; what
-    moving visibility edges add is not in them.
+    Of a plan's outputs, if it has some, (height, width, channels). Derivatives hold the pixel's position, each light
+    sample's place on its light and all discrete choices fixed; what moving visibility edges add is not in them.
     """
     with one_mesh():
         parts = _draw(tables, run, plan)
@@ -57,16 +58,16 @@ def draw(tables: Tables, run: Run, gradient_run: Run, plan: Plan) -> Array:
 def sum_share(tables: Tables, run: Run, share: Array, plan: Plan) -> Array:
     """Return the sums of the samples of `run` in one share of the packets, without derivative.
 
-    (turns, lanes, 3, 3): parts along the last axis. Sums of runs that part between blocks, joined, added exactly and
-    rounded once, are `draw` of all their samples.
+    (turns, lanes, channels, 3): parts along the last axis. Sums of runs that part between blocks, joined, added
+    exactly and rounded once, are `draw` of all their samples.
     """
-    return draw_share(partial(_packet_sum, plan), (tables, run), share, _size(tables), plan)
+    return draw_share(partial(_packet_sum, plan), (tables, run), share, size_of(tables, plan), plan)
 
 
 @partial(jax.jit, static_argnums=2)
 def _draw(tables: Tables, run: Run, plan: Plan) -> Array:
     def picture(tables: Tables, run: Run) -> Array:
-        return draw_packets(partial(_packet_sum, plan), (tables, run), _size(tables), plan)
+        return draw_packets(partial(_packet_sum, plan), (tables, run), size_of(tables, plan), plan)
 
     # A batch of scenes one after the other: side by side they would make too wide a native kernel
     return (in_turn(picture) if is_native(plan) else picture)(tables, run)
@@ -80,21 +81,22 @@ def _draw_jvp(plan: Plan, primals: tuple[Tables, Run, Run], tangents: tuple[Any,
     constants, structure = jax.tree.flatten((tables, gradient_run))
     total = draw(tables, run, gradient_run, plan)
     parts = []
-    own = _own(tables)
+    own = _own(tables, plan)
     for numbers, attached in _parted(moved, own):
         shapes = tuple(jax.ShapeDtypeStruct(constants[i].shape, constants[i].dtype) for i in numbers)
-        pair = _Derivative(plan, structure, _size(tables), shapes, tuple(numbers), own, attached)
+        pair = _Derivative(plan, structure, size_of(tables, plan), shapes, tuple(numbers), own, attached)
         parts += apply_linear(pair, constants, [changes[i] for i in numbers], program_on(plan.devices))
     share = (run.end - run.first) / (gradient_run.end - gradient_run.first)
     return total, sum(parts[1:], parts[0]) * share.astype(total.dtype)
 
 
-def _own(tables: Tables) -> frozenset[int]:
+def _own(tables: Tables, plan: Plan) -> frozenset[int]:
     """Return the numbers of the leaves whose derivatives keep the picture's own light samples.
 
-    Theirs is the derivative of the very picture that is drawn. All are such where every light is a point.
+    Theirs is the derivative of the very picture that is drawn. All are such where every light is a point, and where
+    what is drawn is no light.
     """
-    points = tables.lights is None or not tables.lights.lights.have_size
+    points = plan.outputs or tables.lights is None or not tables.lights.lights.have_size
     paths = [[key.name for key in path if hasattr(key, "name")] for path, _ in jax.tree.leaves_with_path(tables)]
     return frozenset(i for i, path in enumerate(paths) if points or not _turns_light(path))
 
@@ -136,7 +138,7 @@ class _Derivative(NamedTuple):
 
     @property
     def y(self) -> Shapes:
-        return (jax.ShapeDtypeStruct((self.size[1], self.size[0], 3), self.x[0].dtype),)
+        return (jax.ShapeDtypeStruct((self.size[1], self.size[0], self.plan.channels), self.x[0].dtype),)
 
     def parted(self, moved: Sequence[int]) -> "list[tuple[_Derivative, list[int]]]":
         if self.attached:
@@ -169,7 +171,7 @@ class _Derivative(NamedTuple):
             one = partial(self._lanes, self.plan, constants, sample, packet)
             return kahan_add(*sums, jax.jvp(one, [values], [changes])[1])
 
-        nothing = jnp.zeros((self.plan.lanes, 3), values[0].dtype)
+        nothing = jnp.zeros((self.plan.lanes, self.plan.channels), values[0].dtype)
         return lax.fori_loop(run.first, run.end, add_sample, (nothing, nothing))[0]
 
     def _cotangent(self, plan: Plan, operands: tuple[Leaves, Array], packet: Array) -> Leaves:
@@ -191,13 +193,15 @@ def _backwards(plan: Plan, shapes: Shapes) -> Plan:
     Each sample of a packet runs over the leaves as a whole, so that large ones want few packets.
     """
     large = sum(math.prod(leaf.shape) for leaf in shapes) > LARGE
-    return plan._replace(tile=LARGEST_TILE) if large and plan.lanes < math.prod(LARGEST_TILE) else plan
+    lanes = math.prod(LARGEST_TILE)
+    tile = LARGEST_TILE if plan.tile[1] > 1 else (lanes, 1)
+    return plan._replace(tile=tile) if large and plan.lanes < lanes else plan
 
 
 def _packet_sum(plan: Plan, operands: tuple[Tables, Run], packet: Array) -> Array:
-    """Return the sums of the packet's samples in parts (lanes, 3, 3): within blocks rounded, of blocks exact."""
+    """Return the sums of the packet's samples in parts (lanes, channels, 3): within blocks rounded, of blocks exact."""
     tables, run = operands
-    nothing = jnp.zeros((plan.lanes, 3), tables.dtype)
+    nothing = jnp.zeros((plan.lanes, plan.channels), tables.dtype)
 
     def add_sample(sample: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
         return kahan_add(*sums, sample_packet(plan, tables, run, sample, packet))
@@ -208,7 +212,3 @@ def _packet_sum(plan: Plan, operands: tuple[Tables, Run], packet: Array) -> Arra
 
     blocks = run.first // BLOCK, -(-run.end // BLOCK)
     return jnp.stack(lax.fori_loop(*blocks, add_block, (nothing, nothing, nothing)), -1)
-
-
-def _size(tables: Tables) -> tuple[int, int]:
-    return tables.camera.width, tables.camera.height

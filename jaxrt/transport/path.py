@@ -77,11 +77,11 @@ class Walk:
     alive: Array | None = None  # () bool, whether it has not ended; None where that spares no search
 
 
-def tables_of(scene: Scene) -> Tables:
-    """Return the tables of a scene."""
+def tables_of(scene: Scene, lights_move: bool = False) -> Tables:
+    """Return the tables of a scene. lights_move: with derivatives of where rays meet sphere lights."""
     lights = scene.lights
     alone = lights is not None and lights.count == 1
-    geometry = geometry_of(_with_light_spheres(scene), scene.triangles)
+    geometry = geometry_of(_with_light_spheres(scene, lights_move), scene.triangles)
     first_light = 0 if scene.spheres is None else scene.spheres.radius.shape[0]
     return Tables(
         camera=view_of(scene.camera),
@@ -100,12 +100,12 @@ def _first_spheres(geometry: Geometry, n: int) -> Geometry:
     return Geometry(spheres, geometry.triangles)
 
 
-def _with_light_spheres(scene: Scene) -> Spheres | None:
+def _with_light_spheres(scene: Scene, lights_move: bool) -> Spheres | None:
     """Return the spheres followed by the sphere lights, whose material rows follow those of the materials.
 
-    The lights carry no derivative here: where a ray meets one does not matter, for it shines alike everywhere.
+    The lights carry no derivative for light: where a ray meets one does not matter, for it shines alike everywhere.
     """
-    lights, spheres = lax.stop_gradient(scene.lights), scene.spheres
+    lights, spheres = scene.lights if lights_move else lax.stop_gradient(scene.lights), scene.spheres
     if lights is None or lights.radius is None:
         return spheres
     rows = sum(scene.materials.counts) + jnp.arange(lights.radius.shape[0], dtype=jnp.int32)

@@ -47,6 +47,7 @@ from jaxrt.core.samplers import Stream, independent
 from jaxrt.kernels.native import map_packets, on_devices, once
 from jaxrt.lights import casters_of
 from jaxrt.scene import Scene
+from jaxrt.transport.outputs import first_met
 from jaxrt.transport.path import Tables, radiance, tables_of
 
 STEPS = 4  # parts of a line where chains are looked at; one where the camera's rays alone are
@@ -109,7 +110,7 @@ class Edge:
 
 def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
     """Return samples of what ends in the picture besides outlines: of all that moves, or of lights alone."""
-    delta = scene.materials.are_delta
+    delta = scene.materials.are_delta and not plan.outputs
     shapes = sum(0 if x is None else x.material.shape[0] for x in (scene.spheres, scene.triangles))
     lights = 0 if scene.lights is None or scene.lights.radius is None else scene.lights.radius.shape[0]
     if not edges_known(scene.camera) or shapes + lights < 2 or not (plan.geometry_moves or (delta and scene.lights)):
@@ -135,12 +136,17 @@ def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]
 
 def _length(plan: Plan, tables: Tables) -> int:
     """Return how many events a chain may have: after the last one, lights and skies are seen."""
-    return plan.max_depth + 1 if tables.materials.are_delta else 1
+    return plan.max_depth + 1 if _goes_on(plan, tables) else 1
 
 
-def _has_shadows(tables: Tables) -> bool:
+def _goes_on(plan: Plan, tables: Tables) -> bool:
+    """Return whether chains go on from what the camera's rays meet first."""
+    return tables.materials.are_delta and not plan.outputs
+
+
+def _has_shadows(plan: Plan, tables: Tables) -> bool:
     """Return whether lights of a place cast shadows at the end of chains."""
-    if tables.lights is None or not (tables.materials.are_delta and tables.materials.are_lit):
+    if tables.lights is None or not (_goes_on(plan, tables) and tables.materials.are_lit):
         return False
     return casters_of(tables.lights.lights)[0].shape[0] > 0
 
@@ -174,7 +180,7 @@ def _seems_to_end(plan: Plan, tables: Tables, seed: Array, pixel: Array) -> Arra
     tables = through_lens(tables, stream)
     shift = independent(Stream(jnp.uint32(0), jnp.uint32(0), seed, jnp.uint32(1)), 0)
     corner = jnp.stack([pixel % camera.width, pixel // camera.width]).astype(dtype) + jnp.stack(shift[:2]).astype(dtype)
-    lamp = once(lamp_middle)(tables, _numbers(stream, dtype)(0)) if _has_shadows(tables) else None
+    lamp = once(lamp_middle)(tables, _numbers(stream, dtype)(0)) if _has_shadows(plan, tables) else None
 
     def look(i: Array) -> Look:
         """Look here, one pixel to the right, or one down."""
@@ -238,7 +244,7 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, 
     edge = once(partial(_edge, plan))(tables, line, search, looks)
     # Both use the same random numbers, so that equal surfaces cancel
     rays = jax.vmap(partial(_ray, camera, line))(looks.place)
-    light = lax.map(lambda ray: radiance(tables, ray, numbers, plan.max_depth, False), rays)
+    light = lax.map(partial(_seen, plan, tables, numbers), rays)
     jump = light[1] - light[0]
     if lamp is not None:
         sent = once(sent_by)(tables, search.ends[0].chain, lamp)
@@ -258,11 +264,18 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, 
     change = jax.tree.map(lambda x: jnp.where(seen, x, 0), edge.change)
     image = line.start + looks.place[0] * line.along
     turns = search.ends[0].chain.turns
-    if not tables.materials.are_delta:
+    if not _goes_on(plan, tables):
         turns = jax.tree.map(lambda x: x[:0], turns)
     path = Path(turns, edge.event, change, image, line.along, camera.lens)
     samples = EdgeSamples(pixel[None], weight[None], lights, None, tuple(anchors), path=path)
     return samples, jnp.sum(jnp.abs(weight))
+
+
+def _seen(plan: Plan, tables: Tables, numbers: Numbers, ray: Ray) -> Array:
+    """Return the radiance (3,) along a camera's ray, or the outputs of what it meets."""
+    if plan.outputs:
+        return first_met(plan.outputs, tables, ray)
+    return radiance(tables, ray, numbers, plan.max_depth, False)
 
 
 def _edge(plan: Plan, tables: Tables, line: Line, search: Search, looks: Look) -> Edge:
@@ -327,7 +340,7 @@ def _search(plan: Plan, tables: Tables, line: Line, stream: Stream) -> Search:
     """Return two places of a line that differ and are close: of several such pairs one by chance."""
     numbers = _numbers(stream, line.start.dtype)(0)
     coins = numbers[0]
-    steps = STEPS if tables.materials.are_delta else 1
+    steps = STEPS if _goes_on(plan, tables) else 1
 
     def step(i: Array, search: Search) -> Search:
         scanned = i <= steps
@@ -345,7 +358,7 @@ def _search(plan: Plan, tables: Tables, line: Line, stream: Stream) -> Search:
 
     def blank() -> Search:
         look = _look(plan, tables, line, coins, stream, None)
-        lamp = lamp_for(tables, look.chain.weight, numbers) if _has_shadows(tables) else None
+        lamp = lamp_for(tables, look.chain.weight, numbers) if _has_shadows(plan, tables) else None
         return Search(lamp, look, (look, look), coins, coins, coins, coins)
 
     nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(blank))

@@ -4,6 +4,7 @@ import argparse
 import os
 import sys
 import time
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -18,9 +19,10 @@ from jaxrt.chunks import accumulate
 from jaxrt.cli import start, together
 from jaxrt.cli.errors import UsageError
 from jaxrt.cli.job import begin, facts_of, samples_of, sums_beside
+from jaxrt.cli.layers import draw_layers, layers_asked
 from jaxrt.cli.places import check_file
 from jaxrt.cli.progress import compiling, progress
-from jaxrt.cli.saving import ELSEWHERE, save, save_picture
+from jaxrt.cli.saving import ELSEWHERE, Picture, save, save_picture
 from jaxrt.cli.signals import Interrupted, noted, status_of
 from jaxrt.cli.start import built, check_output, described, warn
 from jaxrt.core.samplers import SAMPLERS
@@ -45,6 +47,7 @@ class Work:
     end: int
     sums: Partial
     team: Team | None
+    layers: Callable[[NDArray[np.float32]], Picture]  # what is to be saved, of a picture
     compile_seconds: float = 0.0
     render_seconds: float = 0.0
 
@@ -74,13 +77,20 @@ def run(args: argparse.Namespace) -> int:
     _check_sampler(args.sampler, spp, leads)
     # No sample, which compiles all the same
     scene, own = built(description, warn if leads else lambda message: None), jax.local_devices() if team else None
+    asked = layers_asked(scene, args.outputs, output.suffix == SUFFIX)
     nothing = prepare(scene, args.seed, 0, 0, spp, sampler=args.sampler, devices=own)
     facts = facts_of(nothing[0], nothing[2], args.seed, spp)
     if team:
         together.check_alike(team, facts)
         if team.rank:
             return together.follow(team, painter(folder, *nothing, cores, team), nothing[1])
-    work = Work(args, output, cores, end, begin(output, args.resume, facts, first, end), team)
+
+    def with_layers(picture: NDArray[np.float32]) -> Picture:
+        if asked is None:
+            return picture
+        return draw_layers(asked, scene, picture, nothing[1]._replace(end=jnp.int32(spp)), nothing[2], folder, cores)
+
+    work = Work(args, output, cores, end, begin(output, args.resume, facts, first, end), team, with_layers)
     before = work.drawn
     if team:
         team.lost = partial(_keep_from_loss, work, before)
@@ -165,7 +175,8 @@ def _finish(work: Work) -> int:
     """Write what was asked for and return the exit status."""
     if work.output.suffix == SUFFIX:
         return 0 if _keep_sums(work) else ELSEWHERE
-    status = save_picture(work.output, work.sums.picture(), work.args.exposure, work.args.srgb)
+    picture = work.layers(work.sums.picture())
+    status = save_picture(work.output, picture, work.args.exposure, work.args.srgb)
     with suppress(OSError):
         sums_beside(work.output).unlink(missing_ok=True)
     return status

@@ -34,7 +34,7 @@ def print_summary(
     present, absent = features(description)
     facts = [
         ("objects", _counts(description)),
-        ("camera", _camera(description)),
+        ("camera", _camera(description) + (f", the first of {n}" if (n := len(description.views)) > 1 else "")),
         ("render", f"{description.render.spp} spp, max_depth {description.render.max_depth}"),
         ("environment", _numbers(description.environment.radiance) if description.environment else "black"),
         ("compiled", ", ".join(present)),

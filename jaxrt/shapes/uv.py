@@ -1,0 +1,41 @@
+"""Two coordinates on each surface: longitude and latitude of spheres, barycentric ones of triangles."""
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxrt.core.maths import cross, dot, normalize, safe_divide, safe_sqrt
+from jaxrt.kernels.gather import take
+from jaxrt.shapes import Geometry
+
+
+def uv_of(geometry: Geometry, index: Array, place: Array) -> Array:
+    """Return the coordinates (2,) of a place on primitive `index`, differentiable in both.
+
+    On a sphere u goes from 0 to 1 round +y, from −z by −x, +z and +x, and v from 0 at the bottom, −y, to 1 at the top.
+    On a triangle u and v are the shares of the second and the third corner.
+    """
+    n = 0 if geometry.spheres is None else geometry.spheres.radius.shape[0]
+    found = []
+    if geometry.spheres is not None:
+        found.append(_on_sphere(take(geometry.spheres.center, jnp.minimum(index, n - 1)), place))
+    if geometry.triangles is not None:
+        found.append(_on_triangle(take(geometry.triangles.corners, jnp.maximum(index - n, 0)), place))
+    return found[0] if len(found) == 1 else jnp.where(index < n, found[0], found[1])
+
+
+def _on_sphere(center: Array, place: Array) -> Array:
+    x, y, z = normalize(place - center)
+    across = safe_sqrt(x * x + z * z)
+    pole = across == 0
+    u = 0.5 + jnp.arctan2(x, jnp.where(pole, 1, z)) / (2 * jnp.pi)
+    v = 0.5 + jnp.arctan2(y, jnp.where(pole, jnp.where(y == 0, 1, 0), across)) / jnp.pi
+    return jnp.stack([u, v])
+
+
+def _on_triangle(corners: Array, place: Array) -> Array:
+    edge1, edge2, s = corners[1] - corners[0], corners[2] - corners[0], place - corners[0]
+    normal = cross(edge1, edge2)
+    squared = dot(normal, normal)
+    return jnp.stack(
+        [safe_divide(dot(cross(s, edge2), normal), squared), safe_divide(dot(cross(edge1, s), normal), squared)]
+    )
