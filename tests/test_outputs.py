@@ -159,21 +159,27 @@ MOVED = {
     "spheres.center": [1.0, 0, 0],
     "spheres.radius": 1.0,
     "lights.position": [1.0, 0, 0],
-    "camera.position": [1.0, 0, 0],
+    "camera.position": [0, 0, 1.0],
 }
 
 
 @pytest.mark.parametrize("name", list(MOVED))
 def test_masks_and_depth_move_as_differences_say(name):
-    """Differences of 2 × 1024 samples a pixel leave about .004 of noise, edges and rims the rest."""
+    """Within 1 % and three standard errors: those of depth at rims, where it changes without bound, are the largest.
+
+    The error of four functionals lies beyond three standard errors once in 90 if these are alike.
+    """
     values = {k: v for k, v in jaxrt.parameters(jaxrt.build(SCENE)).items() if k in MOVED}
     changes = jax.tree.map(jnp.zeros_like, values)
     changes[name] = jnp.broadcast_to(jnp.asarray(MOVED[name], jnp.float32), values[name].shape)
-    step, differences = 0.03, []
+    step = 0.015
     ends = [jax.tree.map(lambda v, c, h=h: v + h * c, values, changes) for h in (step, -step)]
-    for key in (1, 2):
-        differences.append((functionals(ends[0], key, 1024) - functionals(ends[1], key, 1024)) / (2 * step))
-    difference = np.mean(differences, 0)
-    error = np.asarray(slope(values, changes, 5)) - difference
-    for i, channel in enumerate([*NAMES[:3], "red", "green", "blue"]):
-        assert np.linalg.norm(error[:, i]) <= 0.03 * np.linalg.norm(difference[:, i]), (name, channel)
+    differences = np.stack(
+        [np.subtract(*(functionals(end, key, 2048) for end in ends)) / (2 * step) for key in range(8)]
+    )
+    slopes = np.stack([slope(values, changes, 100 + key) for key in range(8)])
+    difference, error = differences.mean(0), slopes.mean(0) - differences.mean(0)
+    noise = np.sqrt((differences.var(0, ddof=1) + slopes.var(0, ddof=1)) / 8)
+    size, error, noise = (np.linalg.norm(each, axis=0) for each in (difference, error, noise))
+    assert (noise <= 0.03 * size).all(), (name, noise / size)
+    assert (error <= 0.01 * size + 3 * noise).all(), (name, error / size)

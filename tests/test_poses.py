@@ -35,10 +35,11 @@ SCENE = {
     "materials": {
         "red": {"type": "diffuse", "albedo": [0.8, 0.3, 0.2]},
         "white": {"type": "diffuse", "albedo": [0.8, 0.8, 0.8]},
+        "black": {"type": "diffuse", "albedo": [0, 0, 0]},  # shading at the rim of a ball changes without bound: noise
     },
     "groups": {"pair": {"translate": [-0.7, 0.2, 0], "rotate": [0, 40, 0], "scale": 0.9}},
     "spheres": [
-        {"center": [0, 0.5, 0.4], "radius": 0.3, "material": "white", "group": "pair"},
+        {"center": [0, 0.5, 0.4], "radius": 0.3, "material": "black", "group": "pair"},
         {"center": [0.1, 0.25, 1.6], "radius": 0.2, "material": "red"},
     ],
     "meshes": [BOX, CUBE | {"scale": 0.3, "translate": [0.2, 0.6, -0.5], "group": "pair", "rotate_vector": [9, 8, 7]}],
@@ -225,7 +226,7 @@ N, SPP, SEEDS = 16384, 128, 4
 MOTIONS = {
     "turned": ({"meshes.rotate": [[30, -50, 20], [0, 0, 0]]}, 0.03),
     "moved and swollen": ({"meshes.translate": [[0.5, 0.3, -0.4], [0, 0, 0]], "meshes.scale": [0.3, 0.0]}, 0.03),
-    "group": ({"groups.rotate": [[20, 60, -30]], "groups.translate": [[0.2, 0.3, 0.5]], "groups.scale": [-0.4]}, 0.03),
+    "group": ({"groups.rotate": [[20, 60, -30]], "groups.translate": [[0.2, 0.3, 0.5]], "groups.scale": [-0.4]}, 0.015),
 }
 
 
@@ -243,7 +244,7 @@ def derivative(scene, changes, key):
 def test_derivatives_in_poses_are_those_of_finite_differences(posed, motion):
     """Shadow edges and outlines flow through poses: relative L2 of 16 smooth functionals, means of four seeds.
 
-    The standard error of their difference was measured to be .006; the step's truncation is below .005.
+    The standard error of their difference is below .01; the step's truncation is below .005.
     """
     changes, h = MOTIONS[motion]
     values = {name: jaxrt.parameters(posed)[name] for name in POSES}
@@ -255,7 +256,7 @@ def test_derivatives_in_poses_are_those_of_finite_differences(posed, motion):
         return jaxrt.with_parameters(posed, {name: values[name] + step * changes[name] for name in POSES})
 
     def difference(key):
-        ahead, behind = (jaxrt.render(shifted(s), key, spp=4 * SPP, max_depth=1) for s in (h, -h))
+        ahead, behind = (jaxrt.render(shifted(s), key, spp=32 * SPP, max_depth=1) for s in (h, -h))
         return bumps((np.asarray(ahead, float) - np.asarray(behind, float)) / (2 * h))
 
     wanted = np.stack([difference(10 + k) for k in range(SEEDS)])
