@@ -1,6 +1,5 @@
 """Where results go: one rule for all commands. A folder on the way is never made, a file is never a folder, nor a
-folder a file; results of an earlier run are replaced. What cost work is written where it should be, or else where it can
-be.
+folder a file; results of an earlier run are replaced. What cost work is written there, or else where it can be.
 """
 
 import os
