@@ -17,3 +17,11 @@ jax.config.update("jax_default_device", jax.devices()[0])
 def room() -> jaxrt.Scene:
     """The README's room."""
     return jaxrt.load_scene("scenes/room.toml")
+
+
+@pytest.fixture
+def quick_compilation():
+    """Compile three times as fast what then runs eight times as long: for tests of large programs that run briefly."""
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", False)
