@@ -142,6 +142,7 @@ def picture(scene, **options):
     return jaxrt.render(scene, 3, spp=1, max_depth=1, **options)
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_wide_packets_draw_the_same_picture():
     """One packet of 2048 lanes, where rays walk in lockstep, each alone. The face found is the same, so is the rest."""
     scene = floor_scene()
@@ -149,6 +150,7 @@ def test_wide_packets_draw_the_same_picture():
     assert np.allclose(picture(scene, tile=(64, 32)), picture(scene), rtol=1e-5, atol=0)
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_derivatives_in_the_vertices_pass_the_tree():
     """Lowering the whole floor: the slope of the mean picture by jvp, by grad, and by differences.
 
