@@ -1,5 +1,7 @@
 """Strictness for all tests, and the scenes that many of them share."""
 
+import gc
+
 import jax
 import pytest
 
@@ -9,6 +11,9 @@ pytest_plugins = ["tests.stability.report"]
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jaxrt.use_cpu_cores(2)
+# As `keep_programs` has it: tracing makes many objects that stay, and would have them looked through time and again
+gc.freeze()
+gc.set_threshold(50_000)
 # Two devices for the tests that name them; on one, two test processes share two cores without waiting for each other
 jax.config.update("jax_default_device", jax.devices()[0])
 
@@ -17,3 +22,11 @@ jax.config.update("jax_default_device", jax.devices()[0])
 def room() -> jaxrt.Scene:
     """The README's room."""
     return jaxrt.load_scene("scenes/room.toml")
+
+
+@pytest.fixture
+def quick_compilation():
+    """Compile three times as fast what then runs eight times as long: for tests of large programs that run briefly."""
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", False)

@@ -15,6 +15,7 @@ SCENE = {
     "spheres": [{"center": [0, -100, 0], "radius": 100, "material": "white"}],
     "lights": [{"position": [2, 4, 2], "intensity": 25, "radius": 1}],
 }
+pytestmark = pytest.mark.usefixtures("quick_compilation")
 OWN = ("materials.albedo", "lights.intensity")  # the picture's own light samples serve these
 
 
@@ -30,14 +31,6 @@ def loss(changes, beside=False):
         moved["lights.position"] = jaxrt.parameters(scene())["lights.position"] + 0 * changes["lights.intensity"]
     picture = jaxrt.render(jaxrt.with_parameters(scene(), moved), 3, spp=4, max_depth=2, devices=jax.devices()[:1])
     return jnp.mean(picture**2)
-
-
-@pytest.fixture(autouse=True)
-def quick_compilation():
-    """Compiling is what costs here: unoptimised programs compute the same."""
-    jax.config.update("jax_disable_most_optimizations", True)
-    yield
-    jax.config.update("jax_disable_most_optimizations", False)
 
 
 @pytest.mark.parametrize(("beside", "modes"), [(False, ["rev"]), (True, ["fwd", "rev"])])

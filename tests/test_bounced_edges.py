@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from edge_scenes import box, plan, quad
+from edge_scenes import box, plan, quad, quick_jit
 
 import jaxrt
 from jaxrt.boundary import clearance_of, sample_edges, splat
@@ -81,7 +81,7 @@ CLOSED = {
 @cache
 def below():
     """Return edge samples of that scene, which serve whatever moves, for each of several seeds."""
-    sample = jax.jit(partial(bounced_edges, plan=plan(16384, 1, geometry=True)))
+    sample = quick_jit(partial(bounced_edges, plan=plan(16384, 1, geometry=True)))
     return [sample(floor_below(), jnp.uint32(seed))[0] for seed in range(32)]
 
 
@@ -154,13 +154,16 @@ def inside(change, key):
     return jax.jvp(one, (values_of(still_life()),), (change,))[1]
 
 
+all_edges = quick_jit(partial(sample_edges, plan=plan(8192, DEPTH, geometry=True, lights=True)))
+
+
 @cache
 def edge_samples(seed):
     """Return samples of all edges, which serve whatever moves."""
-    return sample_edges(still_life(), jnp.uint32(seed), plan(8192, DEPTH, geometry=True, lights=True))
+    return all_edges(still_life(), jnp.uint32(seed))
 
 
-@jax.jit
+@quick_jit
 def at_edges(change, groups):
     scene = still_life()
     tangent = jax.jvp(partial(jaxrt.with_parameters, scene), (values_of(scene),), (change,))[1]

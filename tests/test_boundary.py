@@ -12,13 +12,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from edge_scenes import AXES, box, bumps, cells, corner_room, finite_difference, moved, plan, relative
+from edge_scenes import AXES, box, bumps, cells, corner_room, finite_difference, moved, plan, quick_jit, relative
 
 import jaxrt
 from jaxrt.boundary import clearance_of, edge_tangent, sample_edges, splat
 from jaxrt.boundary.outlines import both_sides, camera_edges
 from jaxrt.boundary.silhouettes import Silhouettes, rim_at
-from jaxrt.kernels.sealed import sealed
 from jaxrt.shapes import mesh_edges
 from jaxrt.transport.path import tables_of
 
@@ -73,14 +72,25 @@ def interior(scene, changes, depth, names):
     return np.asarray(picture, float)
 
 
-def edges(scene, changes, edge_plan, seed=7):
-    tangent = tangent_of(scene, changes_of(scene, changes))
-    return np.asarray(edge_tangent(scene, tangent, jnp.uint32(seed), edge_plan), float)
+_sampled = quick_jit(sample_edges, static_argnames="plan")
 
 
 def samples_of(scene, edge_plan, seed=7):
-    """Return the edges' samples. Sealed, as `edge_tangent` draws them: so both use one compiled program."""
-    return sealed(partial(sample_edges, plan=edge_plan), scene, jnp.uint32(seed))
+    """Return samples of all edges, by one program for all that is held against them."""
+    return _sampled(scene, jnp.uint32(seed), plan=edge_plan)
+
+
+@quick_jit
+def change_of(scene, changes, groups):
+    """Return the change of the picture by samples of edges."""
+    tangent = tangent_of(scene, changes)
+    moves = [jax.jvp(partial(clearance_of, samples=one), (scene,), (tangent,))[1] for one in groups]
+    size = scene.camera.width, scene.camera.height
+    return sum(splat(one, move, size) for one, move in zip(groups, moves, strict=True))
+
+
+def edges(scene, changes, edge_plan):
+    return np.asarray(change_of(scene, changes_of(scene, changes), samples_of(scene, edge_plan)), float)
 
 
 @cache
@@ -185,8 +195,7 @@ def test_straight_shadow_edge_has_its_closed_form(axis):
 # Finite differences
 
 
-@pytest.mark.parametrize("radius", [0.0, 0.5])
-@pytest.mark.parametrize("axis", [0, 2], ids=["x", "z"])
+@pytest.mark.parametrize(("radius", "axis"), [(0.0, 2), (0.5, 0)], ids=["point z", "ball x"])
 def test_light_position(radius, axis):
     reference, inside = by_light(radius, axis)
     change = {"lights.position": AXES[axis][None]}
@@ -212,11 +221,10 @@ def test_large_close_light():
 def test_indirect_light_has_its_share_of_the_edges():
     scene, change = scene_of(0.5), {"lights.position": X[None]}
     reference, inside = by_light(0.5, 0)
-    tangent = tangent_of(scene, changes_of(scene, change))
+    wide = changes_of(scene, change)
 
     def part(samples):
-        moves = jax.jvp(partial(clearance_of, samples=samples), (scene,), (tangent,))[1]
-        return np.asarray(splat(samples, moves, (64, 64)), float)
+        return np.asarray(change_of(scene, wide, (samples,)), float)
 
     # Four times the samples: those of one seed leave the indirect part's noise at 0.5 % of the whole
     parts = [[part(samples) for samples in samples_of(scene, INDIRECT, seed)] for seed in range(4)]
@@ -258,6 +266,7 @@ def test_moving_shapes_and_camera(case):
 
 
 TWO_LIGHTS = plan(16384, 1, lights=True)
+AWAY = np.asarray([[0, 0, 0], [1, 0.3, 0]], np.float32)  # the lower light alone
 
 
 @cache
@@ -277,16 +286,26 @@ def two_lights():
 
 
 def test_a_sphere_light_casts_the_shadow_of_another_and_is_seen_itself():
-    scene, direction = two_lights(), np.asarray([[0, 0, 0], [1, 0.3, 0]], np.float32)
-    change = {"lights.position": direction}
-    reference = finite_difference(scene, "lights.position", direction, 0.02, 4096, 1)
+    scene, change = two_lights(), {"lights.position": AWAY}
+    reference = finite_difference(scene, "lights.position", AWAY, 0.02, 4096, 1)
     inside = interior(scene, change, 1, LIGHT)
     total = inside + edges(scene, change, TWO_LIGHTS)
     assert relative(bumps(total), bumps(reference)) < 0.02
     assert relative(bumps(inside), bumps(reference)) > 0.5
 
-    two = TWO_LIGHTS._replace(devices=tuple(jax.devices()[:2]))
-    np.testing.assert_allclose(inside + edges(scene, change, two), total, atol=1e-5 * np.abs(total).max())
+
+@pytest.mark.usefixtures("quick_compilation")
+def test_edges_are_sampled_by_several_devices():
+    scene, two = two_lights(), TWO_LIGHTS._replace(devices=tuple(jax.devices()[:2]))
+    change = changes_of(scene, {"lights.position": AWAY})
+    alone, together = (
+        np.asarray(edge_tangent(scene, tangent_of(scene, change), jnp.uint32(7), edge_plan))
+        for edge_plan in (TWO_LIGHTS, two)
+    )
+    np.testing.assert_allclose(together, alone, atol=1e-5 * np.abs(alone).max())
+    np.testing.assert_allclose(
+        alone, edges(scene, {"lights.position": AWAY}, TWO_LIGHTS), atol=1e-5 * np.abs(alone).max()
+    )
 
 
 @pytest.mark.quick
@@ -364,11 +383,8 @@ def test_reverse_mode_is_the_transpose_of_forward_mode():
     weights = jax.random.normal(jax.random.key(0), (64, 64, 3))
     groups = samples_of(scene, INDIRECT)
 
-    @jax.jit
     def linear(change):
-        tangent = tangent_of(scene, change)
-        moves = [jax.jvp(partial(clearance_of, samples=s), (scene,), (tangent,))[1] for s in groups]
-        return sum(splat(s, move, (64, 64)) for s, move in zip(groups, moves, strict=True))
+        return change_of(scene, change, groups)
 
     pulled = jax.linear_transpose(linear, change)(weights)[0]
     for name in values_of(scene):
@@ -379,6 +395,7 @@ def test_reverse_mode_is_the_transpose_of_forward_mode():
         assert abs(there - back) < 1e-5 * np.abs(np.asarray(weights, float) * picture).sum(), name
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_tangents_of_a_batch_share_the_samples():
     scene = two_lights()
 
@@ -404,7 +421,7 @@ HORROR = {
 }
 
 
-@jax.jit
+@quick_jit
 def gradient_of(scene, groups):
     """Return the derivatives of a picture's sum by all parameters, from the edges alone."""
 
@@ -434,22 +451,32 @@ def test_no_light_and_nothing_that_blocks_make_no_edges():
     assert samples_of(alone, plan(512, 1, geometry=True, lights=True)) == ()
 
 
-@pytest.mark.parametrize("eye", [(0, 0, 6), (0.5, 2, 5)])
-def test_a_white_ball_before_a_white_sky_has_no_outline(eye):
-    """Both sides are as bright: a ball is met on its rim from outside, however its normal is rounded."""
-    scene = jaxrt.build(
+@cache
+def white_ball():
+    """Return a white ball before a sky as white."""
+    return jaxrt.build(
         {
-            "camera": {"position": eye, "target": [0, 0, 0], "width": 12, "height": 8, "fov": 45},
+            "camera": {"position": [0, 0, 6], "target": [0, 0, 0], "width": 12, "height": 8, "fov": 45},
             "materials": {"white": {"type": "diffuse", "albedo": [1, 1, 1]}},
             "environment": {"radiance": [1, 1, 1]},
             "spheres": [{"center": [-0.4, 0, 0], "radius": 1, "material": "white"}],
         }
     )
-    start = jaxrt.parameters(scene, "spheres.center")
+
+
+@quick_jit
+def change_before_a_white_sky(start, eye):
+    """Return the change of the picture where the ball moves from `start`."""
 
     def picture(center):
-        moved = jaxrt.with_parameters(scene, {"spheres.center": center})
+        moved = jaxrt.with_parameters(white_ball(), {"spheres.center": center, "camera.position": eye})
         return jaxrt.render(moved, 0, spp=1, max_depth=1, boundary_samples=512)
 
-    change = jax.jvp(picture, (start,), (jnp.ones_like(start),))[1]
+    return jax.jvp(picture, (start,), (jnp.ones_like(start),))[1]
+
+
+@pytest.mark.parametrize("eye", [(0, 0, 6), (0.5, 2, 5)])
+def test_a_white_ball_before_a_white_sky_has_no_outline(eye):
+    """Both sides are as bright: a ball is met on its rim from outside, however its normal is rounded."""
+    change = change_before_a_white_sky(jaxrt.parameters(white_ball(), "spheres.center"), jnp.float32(eye))
     assert float(jnp.abs(change).max()) < 1e-5

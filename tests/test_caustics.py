@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from edge_scenes import plan
+from edge_scenes import plan, quick_jit
 
 import jaxrt
 from jaxrt.boundary import clearance_of, splat
@@ -22,6 +22,7 @@ SIZE, DEPTH = 8, 4
 LIGHT, INTENSITY, RADIUS, ALBEDO = np.asarray([0.3, 2.0, 1.0]), 10.0, 0.4, 0.8
 MIRROR = np.asarray([0.9, 0.8, 0.5])
 HUGE = 1000
+NAMES = ("camera.position", "lights.position", "lights.radius", "materials.ior", "spheres.center")
 ERRORS = 5  # standard errors of 16 seeds, which 15 degrees of freedom exceed by chance once in 6,000 times (Student)
 
 
@@ -61,26 +62,35 @@ def focused():
     return scene_of([0, 1.2, 0], [0, 5000, 0], light, camera)
 
 
-@jax.jit
+@quick_jit
 def edges(scene, seed):
     """Return samples of the edges of caustics alone."""
     own = plan(16384, DEPTH, geometry=True, lights=True)
     return with_trails(tables_of(scene), caustic_edges(scene, seed, own), True, own.devices)
 
 
-@partial(jax.jit, static_argnames="name")
-def slope(scene, groups, name, change):
+def values_of(scene):
+    return {name: jaxrt.parameters(scene)[name] for name in NAMES}
+
+
+def change_of(scene, name, direction):
+    """Return the change of all parameters where one goes in a direction: one program serves them all."""
+    zeros = jax.tree.map(jnp.zeros_like, values_of(scene))
+    return zeros | {name: jnp.broadcast_to(jnp.asarray(direction, jnp.float32), zeros[name].shape)}
+
+
+@quick_jit
+def slope(scene, groups, change):
     """Return the change (height, width, 3) of the picture by samples of edges."""
-    value = jaxrt.parameters(scene)[name]
-    tangent = jax.jvp(lambda v: jaxrt.with_parameters(scene, {name: v}), (value,), (change,))[1]
+    tangent = jax.jvp(partial(jaxrt.with_parameters, scene), (values_of(scene),), (change,))[1]
     moves = [jax.jvp(partial(clearance_of, samples=s), (scene,), (tangent,))[1] for s in groups]
     return sum(splat(s, move, (SIZE, SIZE)) for s, move in zip(groups, moves, strict=True))
 
 
 def slopes(scene, name, direction, seeds=16):
     """Return the changes (seeds, SIZE, SIZE, 3)."""
-    change = jnp.broadcast_to(jnp.asarray(direction, jnp.float32), jaxrt.parameters(scene)[name].shape)
-    return np.stack([np.asarray(slope(scene, _groups(scene, k), name, change), float) for k in range(seeds)])
+    change = change_of(scene, name, direction)
+    return np.stack([np.asarray(slope(scene, _groups(scene, k), change), float) for k in range(seeds)])
 
 
 _kept = {}
@@ -144,14 +154,12 @@ def picture(scene, key):
     return jaxrt.render(scene, key, spp=2048, max_depth=DEPTH)
 
 
-@partial(jax.jit, static_argnames="name")
-def inside(scene, name, change, key):
-    value = jaxrt.parameters(scene)[name]
+@jax.jit
+def inside(scene, change, key):
+    def one(values):
+        return jaxrt.render(jaxrt.with_parameters(scene, values), key, spp=256, max_depth=DEPTH)
 
-    def one(v):
-        return jaxrt.render(jaxrt.with_parameters(scene, {name: v}), key, spp=256, max_depth=DEPTH)
-
-    return jax.jvp(one, (value,), (change,))[1]
+    return jax.jvp(one, (values_of(scene),), (change,))[1]
 
 
 FOCUS = {
@@ -164,11 +172,10 @@ FOCUS = {
 @pytest.mark.parametrize("move", FOCUS)
 def test_light_through_a_ball_of_glass(move):
     name, direction, step = FOCUS[move]
-    value = jaxrt.parameters(focused())[name]
-    change = jnp.broadcast_to(jnp.asarray(direction, jnp.float32), value.shape)
-    ends = [jaxrt.with_parameters(focused(), {name: value + h * change}) for h in (step, -step)]
+    start, change = values_of(focused()), change_of(focused(), name, direction)
+    ends = [jaxrt.with_parameters(focused(), {k: v + h * change[k] for k, v in start.items()}) for h in (step, -step)]
     reference = quarters([(picture(ends[0], k) - picture(ends[1], k)) / (2 * step) for k in range(16)])
-    interior = quarters([inside(focused(), name, change, k) for k in range(16)])
+    interior = quarters([inside(focused(), change, k) for k in range(16)])
     found = interior + quarters(slopes(focused(), name, direction))
     error = np.hypot(found.std(0, ddof=1), reference.std(0, ddof=1)) / 4
     expected = reference.mean(0)

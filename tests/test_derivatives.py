@@ -121,6 +121,7 @@ def slopes():
 
 
 @pytest.mark.quick
+@pytest.mark.usefixtures("quick_compilation")
 def test_jvp_and_grad_and_jacrev_agree_with_jacfwd():
     """To 1e-5 of the largest entry: the same samples, summed in another order."""
     values = chosen()
@@ -138,6 +139,7 @@ def test_jvp_and_grad_and_jacrev_agree_with_jacfwd():
 
 
 @pytest.mark.quick
+@pytest.mark.usefixtures("quick_compilation")
 def test_vmap_of_pictures_and_of_gradients():
     """Equal to one after the other, to 1e-6; of twenty scenes, which is more than a native kernel has room for."""
     places = jnp.asarray(np.linspace([[0.8, -0.3, 0.4]], [[-0.5, 0.2, 0.1]], 20), jnp.float32)
@@ -174,6 +176,7 @@ def test_wide_packets_backwards_add_up_to_the_same_gradient(monkeypatch):
 
 
 @pytest.mark.quick
+@pytest.mark.usefixtures("quick_compilation")
 def test_hessian_of_the_interior():
     """Direct light ρ I cosθ/(π d²) under a light inside a ball has a closed form, and so has its Hessian: 1e-4."""
     eye, seen, rho, intensity = np.array([0.3, 0.1, 0.2]), np.array([1.2, 0, -1.6]), 0.8, 5.0

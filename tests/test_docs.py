@@ -19,6 +19,8 @@ from jaxrt.description import fields
 from jaxrt.description.kinds import CAMERAS, LIGHTS, MATERIALS
 from jaxrt.description.values import Measure
 
+# What pages show is drawn small here: compiling is most of the time
+pytestmark = pytest.mark.usefixtures("quick_compilation")
 ROOT = Path(__file__).parent.parent
 COMMANDS = runpy.run_path(str(ROOT / "docs/draw_gallery.py"))["commands"]()
 SMALL = ["--width", "16", "--height", "16", "--spp", "1", "--max-depth", "1"]
@@ -165,14 +167,24 @@ def test_readme_names_every_option() -> None:
         assert option in text
 
 
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cache for the commands of the gallery, of which some draw by one program."""
+    return tmp_path_factory.mktemp("cache")
+
+
 @pytest.mark.parametrize("arguments", COMMANDS, ids=lambda a: " ".join(a[1:]))
 def test_gallery_command(
-    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    arguments: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    kept: Path,
 ) -> None:
     (tmp_path / "docs/gallery").mkdir(parents=True)
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(kept))
     assert main(arguments + SMALL) == 0, capsys.readouterr().err
     assert Path(arguments[arguments.index("-o") + 1]).exists()
 

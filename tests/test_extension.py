@@ -338,6 +338,7 @@ def on_floor(ground, zenith, toward, irradiance):
     return ALBEDO / jnp.pi * (sky + irradiance * toward[1] / jnp.linalg.norm(toward))
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_a_sky_and_a_sun_before_a_camera_of_parallel_rays() -> None:
     """Light samples find both on the floor, and rays that miss see the sky; derivatives are those of the closed form.
 
@@ -381,6 +382,7 @@ def lamp_over(**camera: Any) -> dict[str, Any]:
     }
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_a_torch_before_a_fisheye() -> None:
     """The floor is lit in closed form, at the places that the camera's angles tell; the edge of a shadow moves.
 
@@ -529,6 +531,7 @@ def test_what_derivatives_lack_is_named() -> None:
     assert not coverage(overcast, "lights.zenith", 1, 64, 0).missing
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_a_glossy_ball_has_the_outline_of_the_diffuse_one_that_it_looks_like() -> None:
     def change(material: dict[str, Any]) -> jax.Array:
         table = {

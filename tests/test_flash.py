@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from edge_scenes import AXES, box, bumps, plan, quad
+from edge_scenes import AXES, box, bumps, plan, quad, quick_jit
 
 import jaxrt
 from jaxrt.boundary import clearance_of, splat
@@ -74,8 +74,8 @@ def inside(change, key):
     return jax.jvp(draw, (start(),), (change,))[1]
 
 
-outlines = jax.jit(partial(camera_edges, plan=PLAN))
-shadows = jax.jit(partial(shadow_edges, plan=PLAN))
+outlines = quick_jit(partial(camera_edges, plan=PLAN))
+shadows = quick_jit(partial(shadow_edges, plan=PLAN))
 
 
 @cache
@@ -84,7 +84,7 @@ def edges(seed):
     return *outlines(flash(), jnp.uint32(seed)), *shadows(flash(), jnp.uint32(seed))
 
 
-@jax.jit
+@quick_jit
 def at_edges(change, groups):
     tangent = jax.jvp(partial(jaxrt.with_parameters, flash()), (start(),), (change,))[1]
     moves = [jax.jvp(partial(clearance_of, samples=one), (flash(),), (tangent,))[1] for one in groups]

@@ -17,6 +17,7 @@ from hypothesis.extra.numpy import arrays
 
 import jaxrt
 
+pytestmark = pytest.mark.usefixtures("quick_compilation")
 ONE = tuple(jax.devices()[:1])
 
 # Forward = reverse, every parameter

@@ -198,6 +198,7 @@ def test_pictures_of_updates_are_those_of_scenes_built_anew():
     np.testing.assert_array_equal(shot(grown), shot(wall))
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_descent_on_the_scene_is_descent_on_its_parameters():
     """Gradients of the Scene taken off its leaves give what `with_parameters` makes of the same values, to the bit."""
     start = jaxrt.build(description())

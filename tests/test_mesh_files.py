@@ -333,6 +333,7 @@ def test_distances_to_a_mesh_against_all_its_faces():
 # Far-off scenes
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_t5_a_far_off_mesh_gives_the_picture_of_the_near_one():
     """Coordinates near 1e6 are 1/16 apart in float32; the vertices are moved in float64 first.
 

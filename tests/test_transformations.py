@@ -11,7 +11,7 @@ from jax.sharding import Mesh, PartitionSpec
 
 import jaxrt
 
-pytestmark = pytest.mark.quick
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("quick_compilation")]
 
 TABLE: dict[str, Any] = {
     "camera": {"position": [0, 1, 4], "target": [0, 0.5, 0], "width": 16, "height": 12},

@@ -143,6 +143,7 @@ def picture(scene, **options):
     return jaxrt.render(scene, 3, spp=1, max_depth=1, **options)
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_wide_packets_draw_the_same_picture():
     """One packet of 2048 lanes, where rays walk in lockstep, each alone. The face found is the same, so is the rest."""
     scene = floor_scene()
@@ -192,6 +193,7 @@ def test_paths_end_on_nothing_and_on_lamps_but_go_on_from_black():
     )
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_derivatives_in_the_vertices_pass_the_tree():
     """Lowering the whole floor: the slope of the mean picture by jvp, by grad, and by differences.
 

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from jax import lax
 
 import jaxrt
@@ -24,6 +25,7 @@ def textbook_chain(center, radius, o, d):
     return lax.scan(reflect, (o, d), length=16)[0][0][0]
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_a12_chains_of_mirrors_and_glass(figures):
     """Balls in a room of mirror, which no path leaves: 16 events, whose curvatures multiply. Backwards, 8 times.
 

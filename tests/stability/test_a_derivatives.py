@@ -14,6 +14,7 @@ from jax import lax
 
 import jaxrt
 from jaxrt.core.maths import FAR, normalize, safe_divide, safe_sqrt
+from tests.edge_scenes import quick_jit
 
 ONE = tuple(jax.devices()[:1])
 METER = {"width": 8, "height": 8, "fov": 1e-3}
@@ -221,7 +222,7 @@ def loss_gradient(spp, devices):
     scene, target = lit_ball(), noiseless_ball()
     truth = jaxrt.parameters(scene)["lights.position"]
 
-    @jax.jit
+    @quick_jit
     def gradient(key, gradient_key):
         def loss(place):
             moved = jaxrt.with_parameters(scene, {"lights.position": place})
@@ -341,10 +342,10 @@ def test_a7_black_surfaces_have_a_derivative(figures):
         return jaxrt.render(changed, 0, spp=64, max_depth=4, devices=ONE).mean()
 
     one = jnp.float32(1)
-    slope = jax.jit(lambda ball, room: jax.jvp(lambda ball: seen(ball, room), (ball,), (one,))[1])
+    slope = quick_jit(lambda ball, room: jax.jvp(lambda ball: seen(ball, room), (ball,), (one,))[1])
     found = float(slope(0 * one, 0.5 * one))
     # A polynomial in ρ without a kink at 0
-    draw = jax.jit(seen)
+    draw = quick_jit(seen)
     slope_of_picture = float(draw(0.02 * one, 0.5 * one) - draw(-0.02 * one, 0.5 * one)) / 0.04
     assert draw(0 * one, 0.5 * one) == 0
     # In a black room nothing bounces: what a walk would find that stops at the ball

@@ -118,6 +118,7 @@ def mirror_report():
     return jaxrt.gradcheck(scene, "lights.position", 0, **options)
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_a11_a_light_that_moves_in_a_mirror(figures):
     (found,) = mirror_report().components
     what = "error of the derivative of a light that moves in a mirror; naive: plain differentiation"
