@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from edge_scenes import quick_jit
 
 import jaxrt
 from jaxrt.core.samplers import SAMPLERS, Stream
@@ -150,7 +151,7 @@ def functionals(values, key, spp, edges=0):
     return jnp.einsum("kyx,yxc->kc", weights, pictures, precision="highest") / SIZE**2
 
 
-@jax.jit
+@quick_jit
 def slope(values, changes, key):
     return jax.jvp(lambda values: functionals(values, key, 64, EDGES), (values,), (changes,))[1]
 

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from edge_scenes import bumps, relative
+from edge_scenes import bumps, quick_jit, relative
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
@@ -230,7 +230,7 @@ MOTIONS = {
 }
 
 
-@jax.jit
+@quick_jit
 def derivative(scene, changes, key):
     values = {name: jaxrt.parameters(scene)[name] for name in POSES}
 
