@@ -126,6 +126,16 @@ def test_cameras_snippets(monkeypatch: pytest.MonkeyPatch) -> None:
     assert float(jaxrt.parameters(names["tilted"])["camera.roll"]) == 10
 
 
+def test_cameras_page_shows_every_kind() -> None:
+    drawn = runpy.run_path(str(ROOT / "docs/draw_cameras.py"))
+    assert {camera["type"] for camera in drawn["KINDS"].values()} == {
+        kind.name for kind in CAMERAS.kinds.values() if kind.place.startswith("jaxrt.")
+    }
+    for camera in drawn["KINDS"].values():
+        jaxrt.build(drawn["described"](camera))
+    assert "(cameras.png)" in (ROOT / "docs/cameras.md").read_text() and (ROOT / "docs/cameras.png").exists()
+
+
 def test_pages_tell_of_every_kind_and_field() -> None:
     scene_file, own = (ROOT / "docs/scene-format.md").read_text(), (ROOT / "docs/own-kinds.md").read_text()
     for kind in (kind for family in (MATERIALS, LIGHTS, CAMERAS) for kind in family.kinds.values()):

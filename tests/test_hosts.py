@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from jaxrt.hosts.seats import Seat, hosts_from
 from tests.command import BALL, run
 
 ROOT = Path(jaxrt.__file__).parents[1]
-GUARD = 1800  # seconds: what should take ten, beside anything
+GUARD = 600  # seconds: what should take twenty, beside anything
 QUICK = "--xla_backend_optimization_level=0"  # programs that are compiled in half the time
 
 PROGRAM = """
@@ -46,13 +47,32 @@ np.savez(out, picture, *slopes.values())
 """
 
 
-def process(place: Path, *words: object, **variables: str) -> subprocess.Popen[str]:
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(place / "cache"), "XLA_FLAGS": QUICK}
+Start = Callable[..., "subprocess.Popen[str]"]
+
+
+@pytest.fixture
+def process(tmp_path: Path) -> Iterator[Start]:
+    """Yield what starts a Python process in the test's folder, (words, variables); none outlives the test."""
+    children: list[subprocess.Popen[str]] = []
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path / "cache"), "XLA_FLAGS": QUICK}
     environment.pop("TF_CPP_MIN_LOG_LEVEL", None)  # that of this process, where JAX has been loaded
-    command = [sys.executable, *map(str, words)]
-    return subprocess.Popen(
-        command, cwd=place, env=environment | variables, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
+
+    def start(*words: object, **variables: str) -> subprocess.Popen[str]:
+        command, pipe = [sys.executable, *map(str, words)], subprocess.PIPE
+        children.append(
+            subprocess.Popen(command, cwd=tmp_path, env=environment | variables, stderr=pipe, stdout=pipe, text=True)
+        )
+        return children[-1]
+
+    yield start
+    for child in children:
+        if child.poll() is None:
+            child.terminate()  # a launcher ends those that it has started
+            try:
+                child.wait(30)
+            except subprocess.TimeoutExpired:
+                child.kill()
+                child.wait()
 
 
 def finished(child: subprocess.Popen[str]) -> tuple[int, str]:
@@ -60,13 +80,13 @@ def finished(child: subprocess.Popen[str]) -> tuple[int, str]:
     return child.returncode, err
 
 
-def test_two_processes_draw_and_differentiate_what_one_does(tmp_path: Path) -> None:
+def test_two_processes_draw_and_differentiate_what_one_does(tmp_path: Path, process: Start) -> None:
     """Two devices each, against one process with all four."""
     with socket.socket() as listener:
         listener.bind(("", 0))
         address = f"localhost:{listener.getsockname()[1]}"
     arguments = [(0, 1), (0, 2), (1, 2)]
-    children = [process(tmp_path, "-c", PROGRAM, *who, address, f"{who}.npz") for who in arguments]
+    children = [process("-c", PROGRAM, *who, address, f"{who}.npz") for who in arguments]
     assert [finished(child) for child in children] == [(0, "")] * 3
     one, *two = (list(np.load(tmp_path / f"{who}.npz").values()) for who in arguments)
     for mine in two:
@@ -76,10 +96,10 @@ def test_two_processes_draw_and_differentiate_what_one_does(tmp_path: Path) -> N
             np.testing.assert_allclose(slope, expected, rtol=1e-6)
 
 
-def test_a_lost_host_is_named_and_its_picture_resumed_to_the_bit(tmp_path: Path) -> None:
+def test_a_lost_host_is_named_and_its_picture_resumed_to_the_bit(tmp_path: Path, process: Start) -> None:
     (tmp_path / "ball.toml").write_text(BALL.replace("= 2\n", "= 6000\n", 1))
     words = ["-m", "jaxrt", "render", "ball.toml", "--cores", "1", "--sampler", "independent", "-o"]
-    child = process(tmp_path, *words, "two.exr", "--hosts", "localhost,localhost", JAXRT_CHECKPOINT_SECONDS="0")
+    child = process(*words, "two.exr", "--hosts", "localhost,localhost", JAXRT_CHECKPOINT_SECONDS="0")
     sums, begun = tmp_path / "two.exr.partial", time.monotonic()
     while not sums.exists() and child.poll() is None and time.monotonic() - begun < GUARD:
         time.sleep(0.01)
@@ -91,9 +111,9 @@ def test_a_lost_host_is_named_and_its_picture_resumed_to_the_bit(tmp_path: Path)
     assert time.monotonic() - begun < 120
     assert "jaxrt: host 1 of 2 is lost: " in err and "are in two.exr: go on with --resume" in err
     assert err.endswith("jaxrt: error: host 1 of 2 (localhost) is lost: ended by signal 9\n")
-    status, err = finished(process(tmp_path, *words, "two.exr", "--resume", "--hosts", "localhost,localhost"))
+    status, err = finished(process(*words, "two.exr", "--resume", "--hosts", "localhost,localhost"))
     assert (status, sums.exists()) == (0, False), err
-    assert finished(process(tmp_path, *words, "one.exr"))[0] == 0
+    assert finished(process(*words, "one.exr"))[0] == 0
     assert (tmp_path / "two.exr").read_bytes() == (tmp_path / "one.exr").read_bytes()
 
 
@@ -177,7 +197,7 @@ def test_what_names_no_hosts_is_refused(capsys: pytest.CaptureFixture[str], text
     assert (status, out, err.count("\n")) == (2, "", 1) and told in err
 
 
-def test_auto_needs_a_scheduler(tmp_path: Path) -> None:
+def test_auto_needs_a_scheduler(tmp_path: Path, process: Start) -> None:
     (tmp_path / "ball.toml").write_text(BALL)
-    status, err = finished(process(tmp_path, "-m", "jaxrt", "render", "ball.toml", "--hosts", "auto"))
+    status, err = finished(process("-m", "jaxrt", "render", "ball.toml", "--hosts", "auto"))
     assert (status, err.count("\n")) == (2, 1) and "auto: no scheduler tells who is who" in err

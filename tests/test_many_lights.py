@@ -83,7 +83,7 @@ def test_lights_are_picked_as_often_as_is_said(others: bool) -> None:
     share = np.asarray(jax.vmap(lambda i: share_at(table, i, point))(jnp.arange(table.lights.count)), float)
     assert share.sum() == pytest.approx(1, abs=1e-5) and (share > 0).all()
     counts = np.bincount(sample.light, minlength=len(share))
-    assert stats.chisquare(counts, share * N).pvalue > 1e-4
+    assert stats.chisquare(counts, share / share.sum() * N).pvalue > 1e-4
     light = np.asarray(sample.light)
     away = places - np.asarray(point)
     expected = powers / (away**2).sum(-1)

@@ -16,6 +16,7 @@ from tests.oracle import unit_vectors
 
 BALLS, WALLS, LAMPS = 200, 6, 2
 PACKET, RAYS = 64, 4096
+QUICK = {"xla_backend_optimization_level": 0}  # programs that are compiled in half the time
 
 
 def crowd(seed=0):
@@ -132,7 +133,8 @@ def test_all_in_the_tree_and_one_outside_are_searched_too():
         assert hits.index.shape == jax.eval_shape(jax.vmap(occluded, (None, 0, 0)), geometry, rays, jnp.ones(4)).shape
 
 
-def test_picture_is_that_of_the_loop():
+def of_balls():
+    """Return a scene of many balls on a floor, and the same without their tree."""
     rng, n = np.random.default_rng(4), MIN_SPHERES + 16
     numbers = zip(rng.uniform(-5, 5, (n, 3)).tolist(), rng.uniform(0.2, 0.7, n).tolist(), strict=True)
     balls = [{"center": place, "radius": radius, "material": "white"} for place, radius in numbers]
@@ -144,7 +146,26 @@ def test_picture_is_that_of_the_loop():
             "lights": [{"position": [3, 12, 9], "intensity": 900}],
         }
     )
-    loop = replace(scene, spheres=replace(scene.spheres, bvh=None, outside=None))
     assert scene.spheres.bvh is not None and scene.spheres.outside.tolist() == [0]
-    pictures = [np.asarray(jaxrt.render(s, 3, spp=4, max_depth=2)) for s in (scene, loop)]
+    return scene, replace(scene, spheres=replace(scene.spheres, bvh=None, outside=None))
+
+
+def test_picture_is_that_of_the_loop():
+    pictures = [np.asarray(jaxrt.render(s, 3, spp=4, max_depth=2)) for s in of_balls()]
     assert np.array_equal(*pictures) and np.ptp(pictures[0]) > 0.1
+
+
+@pytest.mark.slow
+def test_gradient_is_that_of_the_loop():
+    """In the centres, where balls hide one another and are in each other's shadows."""
+
+    def slope(scene):
+        def loss(center):
+            moved = jaxrt.with_parameters(scene, {"spheres.center": center})
+            return jnp.sum(jaxrt.render(moved, 3, spp=4, max_depth=1, devices=jax.devices()[:1]) ** 2)
+
+        return np.asarray(jax.jit(jax.grad(loss), compiler_options=QUICK)(scene.spheres.center))
+
+    found, expected = map(slope, of_balls())
+    assert np.abs(expected).max() > 0.01
+    np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())

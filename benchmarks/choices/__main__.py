@@ -10,14 +10,14 @@ import datetime
 import time
 from pathlib import Path
 
-from benchmarks.choices import bounces, lights, offset, packets, spheres, tree, triangles
+from benchmarks.choices import bounces, lights, many_lights, offset, packets, spheres, tree, triangles
 from benchmarks.choices.figures import read_csv, write_csv
 from benchmarks.choices.page import dominating, write_page
 from benchmarks.jaxrt_side import use_cores
 from benchmarks.meshes import versions
 from benchmarks.processes import cpu_model
 
-CHOICES = [m.CHOICE for m in (triangles, offset, spheres, lights, bounces, tree, packets)]
+CHOICES = [m.CHOICE for m in (triangles, offset, spheres, lights, many_lights, bounces, tree, packets)]
 NAMES = [c.name for c in CHOICES]
 
 

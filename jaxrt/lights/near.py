@@ -15,7 +15,7 @@ from jaxrt.core.maths import dot, safe_divide, safe_sqrt, unit_roundoff
 from jaxrt.core.pytree import pytree
 from jaxrt.kernels.gather import take
 
-MANY = 16  # spherical lights up to which power alone chooses
+MANY = 3  # spherical lights up to which power alone chooses: docs/choices.md has what is gained from 4 on
 SOFT = 0.03  # of a box's squared half diagonal is added to squared distances: a box may be empty where it is nearest
 LEAST = 1e-30  # squared distance
 

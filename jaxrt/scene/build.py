@@ -83,10 +83,10 @@ def _spheres(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, 
         return None
     center = np.asarray([s.center for s in scene.spheres], float) - origin
     radius = np.asarray([s.radius for s in scene.spheres], float)
-    lost = lost_digits(center, radius, dtype)
     material = jnp.asarray([rows[s.material] for s in scene.spheres], jnp.int32)
-    tree = sphere_topology(center, radius) or (None, None)
-    return Spheres(jnp.asarray(center, dtype), jnp.asarray(radius, dtype), jnp.asarray(lost, dtype), material, *tree)
+    c, r, lost = (jnp.asarray(x, dtype) for x in (center, radius, lost_digits(center, radius, dtype)))
+    tree, outside = sphere_topology(center, radius) or (None, None)
+    return Spheres(c, r, lost, material, tree, outside)
 
 
 def _triangles(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, dtype: DTypeLike) -> Triangles | None:

@@ -23,7 +23,7 @@ from jaxrt.shapes.search.bvh import Topology, topology_of_boxes
 from jaxrt.shapes.search.traverse import any_hit, nearest_hit
 
 Floats = NDArray[np.float64]
-MIN_SPHERES = 128  # fewer are tested one by one: a loop takes about 1.6 ns for each, a walk of a lone ray about 200
+MIN_SPHERES = 72  # fewer are tested one by one: from there on a tree is faster for rays of all kinds, packets from 24
 WALLS, WALL = 16, 8  # so many spheres, the largest ones, stay outside of a tree, if they are so many times the usual
 
 
