@@ -252,8 +252,8 @@ def _blurred(picture: Array, filters: tuple[Array, Array] | None) -> Array:
     if filters is None:
         return picture
     rows, columns = filters
-    exact = partial(jnp.einsum, precision=lax.Precision.HIGHEST)
-    return exact("ij,kjc->kic", columns, exact("ij,jkc->ikc", rows, picture))
+    down = jnp.einsum("ij,jkc->ikc", rows, picture, precision=lax.Precision.HIGHEST)
+    return jnp.einsum("ij,kjc->kic", columns, down, precision=lax.Precision.HIGHEST)
 
 
 def picture_of(

@@ -83,7 +83,8 @@ def _rows(tables: Any, shift: np.ndarray, dtype: DTypeLike) -> Pose:
 def _group_rows(groups: list[PoseTable], origin: np.ndarray, dtype: DTypeLike) -> Pose:
     """Return the poses of groups. What they turn about, the user's origin, may be far from the scene's."""
     turn = np.stack([euler_matrix(group.rotate) for group in groups])
-    pose, pivot = _rows(groups, turn @ origin - origin, dtype), turn @ origin
+    pivot = np.sum(turn * origin, axis=-1)
+    pose = _rows(groups, pivot - origin, dtype)
     return replace(pose, turn=jnp.asarray(turn, dtype), pivot=jnp.asarray(pivot, dtype) if origin.any() else None)
 
 
@@ -176,7 +177,7 @@ def _moved(poses: Poses, spheres: Spheres | None, triangles: Triangles | None, b
 def _vertices(poses: Poses, vertices: Array, back: bool) -> Array:
     assert poses.meshes is not None and poses.first is not None
     count = len(poses.first) - 1
-    mesh = jnp.searchsorted(poses.first, jnp.arange(len(vertices)), side="right").astype(jnp.int32) - 1
+    mesh = jnp.searchsorted(poses.first, jnp.arange(len(vertices), dtype=jnp.int32), side="right").astype(jnp.int32) - 1
     mesh = jnp.where(mesh < count, mesh, -1)  # single triangles
     steps = [(poses.meshes, mesh)]
     if poses.groups is not None and poses.of_meshes is not None:
