@@ -21,7 +21,7 @@ from jaxrt.kernels.gather import take
 
 __all__ = ["Materials", "Scattering", "albedo_of", "evaluate", "scatter", "single"]
 
-MATERIALS.load("diffuse", "mirror", "glass", "conductor", "plastic")  # one file each, numbered in this order
+MATERIALS.load("diffuse", "mirror", "glass")  # one file each, numbered in this order
 
 
 class Materials:
