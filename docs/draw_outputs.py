@@ -26,9 +26,11 @@ def main() -> None:
         path = Path(folder, "a.png")
         jaxrt.save_image(path, found)
         for axes, name in zip(figure.subplots(2, 6).flat, names, strict=True):
-            picture = imread(path if name == "foreground" else png_beside(path, name))
             axes.set_facecolor("#d5e5d5")  # what alpha lets through
-            axes.imshow(picture)
+            if name == "alpha":  # is in the foreground's
+                axes.imshow(found[name], cmap="gray")
+            else:
+                axes.imshow(imread(path if name == "foreground" else png_beside(path, name)))
             axes.set_title(name, fontsize=10)
             axes.set_xticks([])
             axes.set_yticks([])

@@ -71,7 +71,7 @@ def _save_layers(
     for name, layer in found.items():
         if name == "alpha" and main == "foreground":
             continue
-        display = layers.shown(name, layer)
+        display = layers.shown(name, layer, found.get("alpha"))
         if name == main == "foreground":
             display = layers.with_alpha(layer, found["alpha"], srgb)
         levels = _levels(layer, srgb) if display is None else _rounded(display)

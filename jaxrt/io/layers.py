@@ -58,9 +58,14 @@ def is_light(name: str) -> bool:
     return name in ("radiance", "foreground", "sky")
 
 
-def shown(name: str, layer: Floats) -> Floats | None:
-    """Return a layer as display values (H, W, 3) in [0, 1]; None for one that is light."""
+def shown(name: str, layer: Floats, alpha: Floats | None) -> Floats | None:
+    """Return a layer as display values (H, W, 3) in [0, 1]; None for one that is light.
+
+    alpha: the share of pixels that shows anything, if known: depth at outlines is then that of what is there.
+    """
     base = name.partition("[")[0]
+    if base == "depth" and alpha is not None:
+        layer = np.divide(layer, alpha, out=np.zeros_like(layer), where=alpha > 0)
     return _SHOWN[base](layer) if base in _SHOWN else None
 
 
