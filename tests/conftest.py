@@ -1,7 +1,5 @@
 """Strictness for all tests, and the scenes that many of them share."""
 
-import gc
-
 import jax
 import pytest
 
@@ -11,9 +9,6 @@ pytest_plugins = ["tests.stability.report"]
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jaxrt.use_cpu_cores(2)
-# As `keep_programs` has it: tracing makes many objects that stay, and would have them looked through time and again
-gc.freeze()
-gc.set_threshold(50_000)
 # Two devices for the tests that name them; on one, two test processes share two cores without waiting for each other
 jax.config.update("jax_default_device", jax.devices()[0])
 
