@@ -75,7 +75,7 @@ def _keys() -> Iterator[Case]:
                 line = f"{wrong} = {valid}" if wrong.split(".")[0].strip('"') != key else f"y{wrong} = 1"
                 yield _refused(f"{place} as {wrong[:40]}", scene({(table, key): None}, {table: line}))
         for other in TABLES:
-            if (other, key) not in {(t, k) for t, k, *_ in KEYS} and not (
+            if (other.strip(), key) not in {(t.strip(), k) for t, k, *_ in KEYS} and not (
                 other.startswith("[[meshes]]") and table.startswith("[[m")
             ):
                 yield _refused(f"{place} in {other.strip()}", scene(more={other: f"{key} = {valid}"}))

@@ -13,6 +13,8 @@ KEYS = [
     ("[camera]", "fov", "60", "fov", False),
     ("[camera]", "width", "8", "count", False),
     ("[camera]", "height", "8", "count", False),
+    ("[camera]", "roll", "5", "angle", False),
+    ("[camera]", "rotate", "[0, 5, 0]", "angles", False),
     ("[render]", "spp", "4", "count", False),
     ("[render]", "max_depth", "3", "count", False),
     ("[environment]", "radiance", "[0.1, 0.2, 0.3]", "light", True),
@@ -65,6 +67,7 @@ BAD_NUMBERS = {
     "light radius": ["-1", "-1e-200", "1e-200", "1e-16", "1e16"],
     "ior": ["0", "-1.5", "1e-200"],
     "scale": ["0", "-1", "1e-200", "1e-60", "1e30"],
+    "angle": [],
     "angles": [],
 }
 VECTORS = {"place", "albedo", "light", "power", "angles"}

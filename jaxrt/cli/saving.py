@@ -1,8 +1,5 @@
-"""Where results go: one rule for all commands. A folder on the way is never made, a file is never a folder, nor a
-folder a file; results of an earlier run are replaced. What cost work is written there, or else where it can be.
-"""
+"""What cost work is written where it should be, or else where it can be."""
 
-import os
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
@@ -11,49 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxrt.cli.errors import UsageError, refusing
-from jaxrt.core.messages import show
-from jaxrt.core.writing import check_place
+from jaxrt.cli.errors import UsageError
 from jaxrt.io.image import save_image
 
 Picture = NDArray[np.float32] | Mapping[str, NDArray[np.float32]]
 
 ELSEWHERE = 3  # exit status of a picture that is not where it should be, or not sound
-
-
-def check_file(path: Path, name: str = "a file") -> None:
-    """Refuse, before any work, a file that could not be written; `name` is what might be named in a folder instead."""
-    with refusing():
-        if path.is_dir():
-            raise UsageError(f"{path}: is a folder: name a file in it, such as {path / name}")
-        _check_parent(path)
-        check_place(path)
-    _check_writable(path, path.parent)
-
-
-def check_folder(path: Path) -> None:
-    """Refuse, before any work, a folder of results that could neither be made nor taken as it is."""
-    with refusing():
-        if path.is_dir():
-            _check_writable(path, path)
-            return
-        if os.path.lexists(path):
-            raise UsageError(f"{path}: is a file, and the results are several: name a folder")
-        _check_parent(path)
-    _check_writable(path, path.parent)
-
-
-def _check_parent(path: Path) -> None:
-    if path.parent.is_dir():
-        return
-    if path.parent.exists():
-        raise UsageError(f"{path}: {show(str(path.parent))} is a file, not a folder: choose another")
-    raise UsageError(f"{path}: the folder {show(str(path.parent))} does not exist: make it first")
-
-
-def _check_writable(path: Path, folder: Path) -> None:
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise UsageError(f"{path}: the folder {show(str(folder))} is not writable: choose another")
 
 
 def save_picture(output: Path, image: Picture, exposure: float, srgb: bool) -> int:

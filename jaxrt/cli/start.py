@@ -13,7 +13,7 @@ from typing import Any
 import jax
 
 from jaxrt.cli.errors import UsageError, refusing
-from jaxrt.cli.saving import check_file
+from jaxrt.cli.places import check_file
 from jaxrt.core.messages import one_line
 from jaxrt.core.system import usable_cores
 from jaxrt.description import SceneDescription, SceneWarning, show

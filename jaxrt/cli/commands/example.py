@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from jaxrt.cli.errors import UsageError, refusing
-from jaxrt.cli.saving import check_file
+from jaxrt.cli.places import check_file
 from jaxrt.core.examples import about, copy_of, examples
 from jaxrt.core.writing import write_whole
 

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from jaxrt.cli.errors import refusing
-from jaxrt.cli.saving import check_folder
+from jaxrt.cli.places import check_folder
 from jaxrt.core.extras import require
 
 

@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from jaxrt.chunks import accumulate
 from jaxrt.cli import start, together
+from jaxrt.cli.commands.layers import draw_layers, layers_asked
 from jaxrt.cli.errors import UsageError
 from jaxrt.cli.job import begin, facts_of, samples_of, sums_beside
-from jaxrt.cli.layers import draw_layers, layers_asked
+from jaxrt.cli.places import check_file
 from jaxrt.cli.progress import compiling, progress
-from jaxrt.cli.saving import ELSEWHERE, Picture, check_file, save, save_picture
+from jaxrt.cli.saving import ELSEWHERE, Picture, save, save_picture
 from jaxrt.cli.signals import Interrupted, noted, status_of
 from jaxrt.cli.start import built, check_output, described, warn
 from jaxrt.core.samplers import SAMPLERS
