@@ -149,7 +149,7 @@ def _view_part(scene: Scene, rays: ViewRays) -> Array:
     view = view_of(scene.camera)
 
     def ray(image: Array, lens: Array | None) -> tuple[Array, Array]:
-        here = view if lens is None else view.through((lens[0], lens[1]))
+        here = view.at(lens)
         return here.start((image[0], image[1])), here.toward((image[0], image[1]))
 
     start, toward = jax.vmap(ray)(rays.image, rays.lens)

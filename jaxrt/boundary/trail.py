@@ -188,7 +188,7 @@ def _plain(path: Path, events: int) -> Path:
 
 def _steepness(camera: View, view: ViewRays, along: Array) -> Array:
     """Return F_j / (F_x² + F_y²) of the clearance F along a direction j of the picture."""
-    here = camera if view.lens is None else camera.through((view.lens[0], view.lens[1]))
+    here = camera.at(view.lens)
 
     def towards(x: Array, y: Array) -> Array:
         turned = dot(view.toward, here.toward((x, y)))
@@ -202,8 +202,7 @@ def _steepness(camera: View, view: ViewRays, along: Array) -> Array:
 def trail_of(tables: Tables, path: Path, shapes_move: bool = True) -> tuple[ViewRays, Trail | None]:
     """Return what the clearance of a path's last ray depends on; all is 0, whatever the path, where the factors are."""
     wanted = jnp.any(path.change.origin != 0)
-    if path.lens is not None:
-        tables = replace(tables, camera=tables.camera.through((path.lens[0], path.lens[1])))
+    tables = replace(tables, camera=tables.camera.at(path.lens))
 
     def back(change: Ray, event: tuple[Array, Turn]) -> tuple[Ray, Trail | None]:
         k, turn = event

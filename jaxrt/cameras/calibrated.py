@@ -9,7 +9,7 @@ from jax import Array, lax
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from jaxrt.cameras.interface import Pair
-from jaxrt.cameras.looking import Looking, OwnAxes, own_axes
+from jaxrt.cameras.looking import Looking
 from jaxrt.core.maths import safe_divide
 from jaxrt.description.fields import Coefficient, Positive, Real
 from jaxrt.description.kinds import camera
@@ -125,10 +125,6 @@ class Calibrated(Looking):
                     f"camera: distortion folds back {moved[folds[0]]:.2g} focal lengths from the axis, but the picture "
                     f"goes {wanted:.2g} far: its corners show nothing that is there, check k1, k2 and k3"
                 )
-
-    def frame(self) -> OwnAxes:
-        """Return the camera with its axes."""
-        return own_axes(self)
 
     def direction(self, image: Pair) -> tuple[Array, Array, Array]:
         """Return the direction that an image point shows."""

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxrt.cameras.interface import Pair
-from jaxrt.cameras.looking import Looking, OwnAxes, own_axes
+from jaxrt.cameras.looking import Looking
 from jaxrt.core.maths import safe_sqrt
 from jaxrt.description.kinds import camera
 from jaxrt.description.values import Count
@@ -19,10 +19,6 @@ class Equirectangular(Looking):
     width: Count = 1024
     height: Count = 512
     is_central = True
-
-    def frame(self) -> OwnAxes:
-        """Return the camera with its axes."""
-        return own_axes(self)
 
     def direction(self, image: Pair) -> tuple[Array, Array, Array]:
         """Return the direction that an image point shows."""

@@ -8,7 +8,7 @@ from jax import Array
 from pydantic import model_validator
 
 from jaxrt.cameras.interface import Pair
-from jaxrt.cameras.looking import Looking, OwnAxes, own_axes
+from jaxrt.cameras.looking import Looking
 from jaxrt.core.maths import safe_divide, safe_sqrt
 from jaxrt.description.fields import FullAngle
 from jaxrt.description.kinds import camera
@@ -34,10 +34,6 @@ class Fisheye(Looking):
                 past = "the corners would look past what is straight behind"
                 raise complaint(f"{self.angle:g}: {past}: use {np.floor(most):g} or less", "angle")
             return self
-
-    def frame(self) -> OwnAxes:
-        """Return the camera with its axes."""
-        return own_axes(self)
 
     def direction(self, image: Pair) -> tuple[Array, Array, Array]:
         """Return the direction that an image point shows."""

@@ -50,6 +50,10 @@ class View:
         """Return the view through one place of the lens."""
         return self
 
+    def at(self, lens: Array | None) -> "View":
+        """Return the view through the place of numbers `lens` (2,); itself for None, without a lens."""
+        return self if lens is None else self.through((lens[0], lens[1]))
+
     def start(self, image: Pair) -> Array:
         """Return where (3,) the ray through an image point starts."""
         return self.position

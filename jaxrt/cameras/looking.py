@@ -7,8 +7,8 @@ import numpy as np
 from jax import Array
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from jaxrt.cameras.interface import Pair, View, view_of
-from jaxrt.core.maths import cross, dot, normalize
+from jaxrt.cameras.interface import Pair, View
+from jaxrt.core.maths import cross, dot, normalize, turn_less_one, turned_by
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Ray
 from jaxrt.description import values
@@ -16,7 +16,6 @@ from jaxrt.description.fields import Place, Turn, Turns, Up
 from jaxrt.description.values import SHORTEST, complaint, show
 
 PARALLEL = 1e-6  # sine of the angle between up and view below which the camera's frame is noise in float32
-SMALL = 1e-4  # square of the angle below which a turn is a series
 
 Axes = tuple[Array, Array, Array]
 
@@ -52,13 +51,17 @@ class Looking:
                 raise complaint(f"{show(up)} is parallel to the view: choose another direction", "up")
             return self
 
+    def frame(self) -> View:
+        """Return the camera with its axes: of one that answers in these, see `OwnAxes`."""
+        return OwnAxes(self, *axes_of(self))
+
     def ray(self, image: Pair, u: Pair) -> Ray:
         """Return the ray through an image point."""
-        return view_of(self).ray(image, u)
+        return self.frame().ray(image, u)
 
     def project(self, point: Array) -> tuple[Pair, Array]:
         """Return the image point, and whether the point is in view."""
-        return view_of(self).project(point)
+        return self.frame().project(point)
 
 
 def axes_of(camera: Any) -> Axes:
@@ -72,21 +75,12 @@ def axes_of(camera: Any) -> Axes:
 
 
 def _turned(axes: Axes, degrees: Array) -> Axes:
-    """Return axes turned about a vector (3,) of their own coordinates, by its length in degrees (Rodrigues 1840)."""
+    """Return axes turned about a vector (3,) of their own coordinates, by its length in degrees."""
     right, up, forward = axes
     turn = jnp.radians(degrees)
-    vector = turn[0] * right + turn[1] * up - turn[2] * forward
-    squared = dot(vector, vector)
-    small = squared < SMALL
-    angle = jnp.sqrt(jnp.where(small, 1, squared))
-    sine = jnp.where(small, 1 - squared / 6 * (1 - squared / 20), jnp.sin(angle) / angle)
-    versine = jnp.where(small, 0.5 - squared / 24 * (1 - squared / 30), (1 - jnp.cos(angle)) / (angle * angle))
-
-    def turned(axis: Array) -> Array:
-        aside = cross(vector, axis)
-        return axis + sine * aside + versine * cross(vector, aside)
-
-    return turned(right), turned(up), turned(forward)
+    more = turn_less_one(turn[0] * right + turn[1] * up - turn[2] * forward)
+    right, up, forward = (axis + turned_by(more, axis) for axis in axes)
+    return right, up, forward
 
 
 @pytree
@@ -121,8 +115,3 @@ class OwnAxes(View):
             (dot(away, self.right), -dot(away, self.up), dot(away, self.forward))
         )
         return seen
-
-
-def own_axes(camera: Any) -> OwnAxes:
-    """Return the view of a camera that answers in its own axes."""
-    return OwnAxes(camera, *axes_of(camera))

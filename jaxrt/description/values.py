@@ -156,10 +156,9 @@ Rgb = Annotated[tuple[Power, Power, Power], BeforeValidator(three)]
 class Measure:
     """What a field of a kind measures; it stands among a type's annotations."""
 
-    range: (
-        str  # how `fit` bounds it: "fraction", "positive", "angle", "place" (moves with the scene's origin), "shift",
-    )
-    # "turn" (a rotation vector, in degrees) or "free"; "fixed": it is no parameter
+    # How `fit` bounds it: "fraction", "positive", "angle", "place" (moves with the scene's origin), "shift", "turn" (a
+    # rotation vector, in degrees) or "free"; "fixed": it is no parameter
+    range: str
     axes: str  # "rgb", "xyz", or "" for a single number
     example: str  # as in a scene file
     tints: bool = False  # scales light and turns none: which paths are drawn does not depend on it

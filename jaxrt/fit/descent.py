@@ -226,10 +226,10 @@ def _nearest_outlines(machine: Machine, starts: int, spp: int, seed: int) -> Vec
     in other ways, and of those that look best in the pictures of the second stage, the best few go some steps down:
     what is turned the wrong way may look nearest at first.
     """
-    start = machine.start
+    start, turns = machine.start, _are(machine, "turn")
     blurred = machine.steps(start, seed, _drawing(spp, 0))
     there = next(islice(blurred, TRIAL_STEPS - 1, None)).vector
-    base = np.where(_are(machine, "turn"), start, there) if _are(machine, "turn").any() else start
+    base = np.where(turns, start, there) if turns.any() else start
     trials = [there, *(base + _moves(machine, starts, seed))[1:]]
     looks = [machine.steps(trial, seed, _drawing(spp, 1)) for trial in trials]
     order = np.argsort([next(look).loss for look in looks], kind="stable")

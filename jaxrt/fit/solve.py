@@ -69,9 +69,14 @@ class Problem:
     cameras: tuple[Any, ...] = ()  # of several views, the scene's own first; their targets stand one below the other
 
     @property
+    def views(self) -> tuple[Any, ...]:
+        """The cameras whose pictures stand one below the other."""
+        return self.cameras or (self.scene.camera,)
+
+    @property
     def edges(self) -> int:
         """Return the number of edge samples of all views."""
-        return sum(self.edges_of(camera) for camera in self.cameras or (self.scene.camera,))
+        return sum(self.edges_of(camera) for camera in self.views)
 
     def edges_of(self, camera: Any) -> int:
         """Return the number of edge samples of a camera's picture."""
@@ -230,11 +235,11 @@ def _filters(problem: Problem, blur: float, dtype: Any) -> tuple[Vector, Vector]
     """Return the matrices that blur the picture along columns, each view by itself, and along rows."""
     height, width, _ = problem.target.shape
     down, first = np.zeros((height, height), dtype), 0
-    pixels = [blur * min(camera.height, camera.width) for camera in problem.cameras or (problem.scene.camera,)]
-    heights = [camera.height for camera in problem.cameras] or [height]
-    for size, spread in zip(heights, pixels, strict=True):
-        down[first : first + size, first : first + size] = _gaussian(size, spread, dtype)
-        first += size
+    pixels = [blur * min(camera.height, camera.width) for camera in problem.views]
+    for camera, spread in zip(problem.views, pixels, strict=True):
+        own = slice(first, first + camera.height)
+        down[own, own] = _gaussian(camera.height, spread, dtype)
+        first += camera.height
     return down, _gaussian(width, max(pixels), dtype)
 
 

@@ -91,10 +91,8 @@ class Unknowns(NamedTuple):
         parts = []
         for row in self.rows:
             value = self._value(row, vector)
-            slope = {"fraction": value * (1 - value), "positive": value, "place": np.full_like(value, self.length)}
-            slope |= {"shift": slope["place"], "turn": np.full_like(value, RADIAN)}
-            slope |= {"angle": value * (1 - value / HALF_TURN), "free": np.ones_like(value)}
-            parts.append(slope[row.kind])
+            slope = {"fraction": value * (1 - value), "positive": value, "angle": value * (1 - value / HALF_TURN)}
+            parts.append(slope.get(row.kind, np.full_like(value, _unit(row.kind, self.length))))
         return np.concatenate(parts)
 
     def _value(self, row: Unknown, vector: ArrayLike) -> Floats:
@@ -104,7 +102,12 @@ class Unknowns(NamedTuple):
             return (HALF_TURN if row.kind == "angle" else 1) / (1 + np.exp(-u))
         if row.kind == "positive":
             return np.exp(u)
-        return {"free": 1.0, "turn": RADIAN}.get(row.kind, self.length) * u
+        return _unit(row.kind, self.length) * u
+
+
+def _unit(kind: str, length: float) -> float:
+    """Return in what an unknown that has no bounds is counted."""
+    return {"free": 1.0, "turn": RADIAN}.get(kind, length)
 
 
 def bounded(kind: str, u: Array, length: float) -> Array:
@@ -115,7 +118,7 @@ def bounded(kind: str, u: Array, length: float) -> Array:
         return HALF_TURN * jax.nn.sigmoid(u)
     if kind == "positive":
         return jnp.exp(u)
-    return {"free": 1.0, "turn": RADIAN}.get(kind, length) * u
+    return _unit(kind, length) * u
 
 
 def _free(row: Unknown, value: Floats, length: float) -> Floats:
@@ -127,7 +130,7 @@ def _free(row: Unknown, value: Floats, length: float) -> Floats:
     if row.kind == "positive":
         largest = value.max() if value.max() > 0 else 1.0
         return np.log(np.maximum(value, EDGE * largest))
-    return value / {"free": 1.0, "turn": RADIAN}.get(row.kind, length)
+    return value / _unit(row.kind, length)
 
 
 def unknowns_of(scene: Scene, selectors: Mapping[str, Selector]) -> Unknowns:

@@ -32,6 +32,11 @@ class Groups:
     high: Array  # (g, 3)
     total: Array  # (g,) share of the power
 
+    @property
+    def size(self) -> int:
+        """How many lights a group has."""
+        return _size(self.slot.shape[0])
+
 
 def neighbours(places: NDArray[np.floating]) -> NDArray[np.int32]:
     """Return the numbers of lights at places (n, 3) in an order in which each group, and half of them, lie together."""
@@ -65,18 +70,17 @@ def pick_near(groups: Groups, point: Array, u: Array) -> tuple[Array, Array, Arr
     """Return (light, its probability, the number u made uniform again) for a point."""
     of_group, of_light = _weights(groups, point)
     group, first, u = _choose(of_group, groups.total.shape[0], u)
-    row, second, u = _choose(lambda i: of_light(group, i), _size(groups.slot.shape[0]), u)
-    return take(groups.light, group * _size(groups.slot.shape[0]) + row), first * second, u
+    row, second, u = _choose(lambda i: of_light(group, i), groups.size, u)
+    return take(groups.light, group * groups.size + row), first * second, u
 
 
 def share_near(groups: Groups, point: Array, light: Array) -> Array:
     """Return the probability () with which `pick_near` looks at a light from a point."""
     of_group, of_light = _weights(groups, point)
-    size = _size(groups.slot.shape[0])
     slot = take(groups.slot, light)
-    group, row = slot // size, slot % size
+    group, row = slot // groups.size, slot % groups.size
     first = of_group(group) / _sum(of_group, groups.total.shape[0], point[0])
-    return first * of_light(group, row) / _sum(lambda i: of_light(group, i), size, point[0])
+    return first * of_light(group, row) / _sum(lambda i: of_light(group, i), groups.size, point[0])
 
 
 def _size(n: int) -> int:
@@ -86,7 +90,7 @@ def _size(n: int) -> int:
 
 def _weights(groups: Groups, point: Array) -> tuple[Callable[[Array], Array], Callable[[Array, Array], Array]]:
     """Return the weights of a group, and of a light in a group, as a point sees them."""
-    point, size = lax.stop_gradient(point), _size(groups.slot.shape[0])
+    point, size = lax.stop_gradient(point), groups.size
 
     def of_group(i: Array) -> Array:
         low, high = take(groups.low, i), take(groups.high, i)

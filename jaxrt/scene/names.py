@@ -79,7 +79,8 @@ def names_of(scene: SceneDescription, materials: Mapping[str, int]) -> Names:
     rows: dict[str, Mapping[str, Row]] = {
         key: {name: i for i, name in enumerate(names) if name is not None} for key, names in fields.items()
     }
-    vertices, faces = ([0, *np.cumsum(counts).tolist()] for counts in _counts(scene))
+    counts = [len(mesh.vertices) for mesh in scene.meshes], [len(mesh.kept) for mesh in scene.meshes]
+    vertices, faces = ([0, *np.cumsum(each).tolist()] for each in counts)
     meshes = dict(_meshes(scene))
     rows["meshes.vertices"] = {name: slice(vertices[i], vertices[i + 1]) for name, i in meshes.items()}
     rows["meshes"] = meshes
@@ -90,14 +91,9 @@ def names_of(scene: SceneDescription, materials: Mapping[str, int]) -> Names:
         lights={light.name: i for i, light in enumerate(lamps) if light.name is not None},
         meshes={name: (faces[i], faces[i + 1]) for name, i in meshes.items()},
         materials={name: Material(row, numbers[name]) for name, row in materials.items()},
-        faces=tuple(len(mesh.kept) for mesh in scene.meshes),
+        faces=tuple(counts[1]),
     )
     return Names(rows, things)
-
-
-def _counts(scene: SceneDescription) -> tuple[list[int], list[int]]:
-    """Return the numbers of vertices and of faces of each mesh."""
-    return [len(mesh.vertices) for mesh in scene.meshes], [len(mesh.kept) for mesh in scene.meshes]
 
 
 def _meshes(scene: SceneDescription) -> Iterator[tuple[str, int]]:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jaxrt.cameras.looking import axes_of
 from jaxrt.description import SceneError, show
+from jaxrt.description.pose import rotation_matrix
 from jaxrt.scene.record import Scene, check_scene
 
 Floats = NDArray[np.float64]
@@ -114,11 +115,8 @@ def _array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Floats:
 def _rotation(R: ArrayLike) -> Floats:
     """Return the matrix (3, 3) of a rotation, given so or as its vector."""
     if np.size(np.asarray(R, float)) == 3:
-        vector = _array("R", R, (3,))
-        angle = float(np.linalg.norm(vector))
-        x, y, z = vector / (angle or 1.0)
-        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+        x, y, z = np.degrees(_array("R", R, (3,))).tolist()
+        return rotation_matrix((x, y, z))
     turn = _array("R", R, (3, 3))
     if np.abs(turn @ turn.T - np.eye(3)).max() > ORTHONORMAL or np.linalg.det(turn) < 0:
         raise SceneError(f"R: {show(turn.tolist())} is no rotation: give world-to-camera, with +y down and +z ahead")

@@ -28,7 +28,6 @@ class Mask(NamedTuple):
 
 
 Output = str | Mask
-Met = tuple[Tables, Ray, Hit, SurfacePoint]
 
 
 def _depth(tables: Tables, ray: Ray, hit: Hit, point: SurfacePoint) -> Array:

@@ -46,6 +46,7 @@ from jaxrt.core.records import Ray
 from jaxrt.core.samplers import Stream, independent
 from jaxrt.kernels.native import map_packets, on_devices, once
 from jaxrt.lights import casters_of
+from jaxrt.materials import Materials
 from jaxrt.scene import Scene
 from jaxrt.transport.outputs import first_met
 from jaxrt.transport.path import Tables, radiance, tables_of
@@ -110,7 +111,7 @@ class Edge:
 
 def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
     """Return samples of what ends in the picture besides outlines: of all that moves, or of lights alone."""
-    delta = scene.materials.are_delta and not plan.outputs
+    delta = _goes_on(plan, scene.materials)
     shapes = sum(0 if x is None else x.material.shape[0] for x in (scene.spheres, scene.triangles))
     lights = 0 if scene.lights is None or scene.lights.radius is None else scene.lights.radius.shape[0]
     if not edges_known(scene.camera) or shapes + lights < 2 or not (plan.geometry_moves or (delta and scene.lights)):
@@ -136,17 +137,17 @@ def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]
 
 def _length(plan: Plan, tables: Tables) -> int:
     """Return how many events a chain may have: after the last one, lights and skies are seen."""
-    return plan.max_depth + 1 if _goes_on(plan, tables) else 1
+    return plan.max_depth + 1 if _goes_on(plan, tables.materials) else 1
 
 
-def _goes_on(plan: Plan, tables: Tables) -> bool:
+def _goes_on(plan: Plan, materials: Materials) -> bool:
     """Return whether chains go on from what the camera's rays meet first."""
-    return tables.materials.are_delta and not plan.outputs
+    return materials.are_delta and not plan.outputs
 
 
 def _has_shadows(plan: Plan, tables: Tables) -> bool:
     """Return whether lights of a place cast shadows at the end of chains."""
-    if tables.lights is None or not (_goes_on(plan, tables) and tables.materials.are_lit):
+    if tables.lights is None or not (_goes_on(plan, tables.materials) and tables.materials.are_lit):
         return False
     return casters_of(tables.lights.lights)[0].shape[0] > 0
 
@@ -264,7 +265,7 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, 
     change = jax.tree.map(lambda x: jnp.where(seen, x, 0), edge.change)
     image = line.start + looks.place[0] * line.along
     turns = search.ends[0].chain.turns
-    if not _goes_on(plan, tables):
+    if not _goes_on(plan, tables.materials):
         turns = jax.tree.map(lambda x: x[:0], turns)
     path = Path(turns, edge.event, change, image, line.along, camera.lens)
     samples = EdgeSamples(pixel[None], weight[None], lights, None, tuple(anchors), path=path)
@@ -340,7 +341,7 @@ def _search(plan: Plan, tables: Tables, line: Line, stream: Stream) -> Search:
     """Return two places of a line that differ and are close: of several such pairs one by chance."""
     numbers = _numbers(stream, line.start.dtype)(0)
     coins = numbers[0]
-    steps = STEPS if _goes_on(plan, tables) else 1
+    steps = STEPS if _goes_on(plan, tables.materials) else 1
 
     def step(i: Array, search: Search) -> Search:
         scanned = i <= steps
