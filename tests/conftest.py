@@ -19,9 +19,22 @@ def room() -> jaxrt.Scene:
     return jaxrt.load_scene("scenes/room.toml")
 
 
+UNOPTIMISED = "jax_disable_most_optimizations"
+_left: set[str] = set()  # what programs may be left of that other tests do not want
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Forget unoptimised programs where the next test wants others: they differ in the last bit."""
+    if _left and "quick_compilation" not in getattr(item, "fixturenames", ()):
+        jax.clear_caches()
+        _left.clear()
+
+
 @pytest.fixture
 def quick_compilation():
     """Compile three times as fast what then runs eight times as long: for tests of large programs that run briefly."""
-    jax.config.update("jax_disable_most_optimizations", True)
+    _left.add(UNOPTIMISED)
+    jax.config.update(UNOPTIMISED, True)
     yield
-    jax.config.update("jax_disable_most_optimizations", False)
+    jax.config.update(UNOPTIMISED, False)

@@ -322,7 +322,7 @@ def test_s7_parameters_may_stand_anywhere(place: int) -> None:
     at = (0, 2, 4)[place]
     words[at:at] = ["--parameters", "camera.fov", "materials.albedo[x.png]"]
     found = parser().parse_args(["fit", *words])
-    assert (found.scene, found.target) == (Path("a.toml"), Path("b.exr"))
+    assert (found.scene, found.targets) == (Path("a.toml"), [Path("b.exr")])
     assert found.parameters == ["camera.fov", "materials.albedo[x.png]"] and found.output == Path("out")
 
 

@@ -137,7 +137,6 @@ def test_derivatives_are_those_of_the_picture(scene: jaxrt.Scene) -> None:
     np.testing.assert_allclose(slope, near[1] - near[0], rtol=0.01)
 
 
-@pytest.mark.xfail(strict=False, reason="JAX holds dataclass pytrees of two classes for equal: one time in six")
 def test_kept_programs_are_found_by_what_own_code_computes() -> None:
     """The same class again is the same program; with another constant it is another; ours need no look."""
 

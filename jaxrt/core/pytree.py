@@ -29,9 +29,24 @@ def pytree(cls: type[T]) -> type[T]:
     """
     record = dataclasses.dataclass(frozen=True)(cls)
     fields = dataclasses.fields(cast(Any, record))
-    meta = [f.name for f in fields if f.metadata.get("static")]
-    data = [f.name for f in fields if not f.metadata.get("static")]
-    return jax.tree_util.register_dataclass(record, data_fields=data, meta_fields=meta)
+    meta = tuple(f.name for f in fields if f.metadata.get("static"))
+    data = tuple(f.name for f in fields if not f.metadata.get("static"))
+    keys = tuple(map(jax.tree_util.GetAttrKey, data))
+
+    # `jax.tree_util.register_dataclass` would do, but that JAX then takes the structures of all classes for equal, and
+    # finds one's programs for another: here the class is part of the structure
+    def children(x: Any) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        return tuple(getattr(x, name) for name in data), (record, *(getattr(x, name) for name in meta))
+
+    def with_keys(x: Any) -> tuple[tuple[tuple[Any, Any], ...], tuple[Any, ...]]:
+        own, structure = children(x)
+        return tuple(zip(keys, own, strict=True)), structure
+
+    def rebuilt(structure: tuple[Any, ...], own: Any) -> Any:
+        return record(**dict(zip(meta, structure[1:], strict=True)), **dict(zip(data, own, strict=True)))
+
+    jax.tree_util.register_pytree_with_keys(record, with_keys, rebuilt, children)
+    return record
 
 
 @cache
