@@ -10,6 +10,7 @@ FLOORS = [
     {"core"},
     {"kernels", "hosts"},
     {"description"},
+    {"textures"},
     {"shapes", "materials", "lights", "cameras", "kinds"},
     {"scene"},
     {"transport", "io"},

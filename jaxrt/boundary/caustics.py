@@ -38,6 +38,7 @@ from jaxrt.kernels.native import once
 from jaxrt.materials import scatter
 from jaxrt.scene import Scene
 from jaxrt.shapes import Geometry, surface_point
+from jaxrt.shapes.sphere import sphere_chart
 from jaxrt.transport.path import Tables, tables_of
 
 CELLS = 4  # parts of a light's rim, and of a mirror each way, among which a pilot shares the samples
@@ -237,7 +238,8 @@ def _skimming(operands: CausticTables, row: Array, rim: Rim, direction: Array) -
     assert spheres is not None
     n = operands.outlines.spheres_count
     zero = jnp.zeros_like(rim.distance)
-    point = SurfacePoint(rim.point, rim.normal, zero, spheres.material[jnp.minimum(row, n - 1)])
+    material = spheres.material[jnp.minimum(row, n - 1)]
+    point = SurfacePoint(rim.point, rim.normal, zero, material, chart=sphere_chart(spheres, rim.normal))
     scattering = scatter(operands.tables.materials, point, -direction, (zero, zero))
     return jnp.where(scattering.specular & (row < n), scattering.weight, 0)
 

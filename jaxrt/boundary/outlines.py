@@ -25,8 +25,8 @@ from jaxrt.core.records import Hit, Ray, Smooth, SurfacePoint
 from jaxrt.core.samplers import independent
 from jaxrt.kernels.native import once
 from jaxrt.scene import Scene
-from jaxrt.shapes import Geometry, find, surface_point
-from jaxrt.shapes.sphere import onto_sphere, sphere_error
+from jaxrt.shapes import Geometry, charted_as, find, surface_point
+from jaxrt.shapes.sphere import onto_sphere, sphere_chart, sphere_error
 from jaxrt.shapes.triangle import triangle_point_at
 from jaxrt.transport.outputs import what_is_met
 from jaxrt.transport.path import Tables, Walk, event_at, last_look, tables_of, walk_along
@@ -186,6 +186,8 @@ def _at_rim(outlines: Silhouettes, row: Array, rim: Rim, ray: Ray, like: Surface
     error = sphere_error(table, position)
     smooth = None if like.smooth is None else Smooth(rim.normal, position, jnp.ones_like(error))
     point = SurfacePoint(position, rim.normal, error, spheres.material[sphere], smooth)
+    if like.chart is not None:
+        point = charted_as(replace(point, chart=sphere_chart(spheres, rim.normal)), like)
     # By rounding a ray along the surface may seem to come from inside, where it is dark
     from_outside = Ray(ray.origin, normalize(ray.direction - NUDGE * rim.normal))
     return from_outside, Hit(sphere, jnp.ones((), bool)), point

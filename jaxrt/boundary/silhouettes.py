@@ -89,8 +89,29 @@ def edge_table(triangles: Triangles) -> EdgeTable:
     first, second = _normals(jnp.stack([a, b, v0], 1)), _normals(jnp.stack([b, a, v1], 1))
     second = jnp.where(border[:, None], -second, second)
     material = triangles.material[edges.faces]
-    same = material[:, 0] == material[:, 1]
+    same = (material[:, 0] == material[:, 1]) & ~_are_seams(triangles)
     return EdgeTable(corners, jnp.stack([first, second], 1), edges.vertices, edges.faces, edges.used, border, same)
+
+
+def _are_seams(triangles: Triangles) -> Array:
+    """Return whether at each edge (e,) places on textures jump from one face to the other."""
+    edges, chart = triangles.edges, triangles.chart
+    assert edges is not None
+    jumps = jnp.zeros(edges.faces.shape[0], bool)
+    if chart is None:
+        return jumps
+    # The corners of both faces that come after the one off the edge
+    faces = triangles.faces[edges.faces]
+    tip = jnp.argmax(faces == edges.opposite[..., None], -1)
+    ends = (tip[..., None] + jnp.arange(1, 3)) % 3
+    places = triangles.vertices[jnp.take_along_axis(faces, ends, -1)]
+    crossed = jnp.any(places[:, 0, 0] != places[:, 1, 0], -1)
+    for values in (chart.uv, None if chart.vertices is None else chart.vertices[..., None]):
+        if values is not None:
+            own = jnp.take_along_axis(values[edges.faces], ends[..., None], 2)
+            other = jnp.where(crossed[:, None, None], own[:, 1, ::-1], own[:, 1])
+            jumps = jumps | jnp.any(own[:, 0] != other, (-2, -1))
+    return jumps
 
 
 def angular_lengths(table: Silhouettes, eye: Eye, reach: Array, creases: bool, bins: int) -> Array:

@@ -70,7 +70,7 @@ def _pull_onward(
 ) -> tuple[SurfacePoint, Array, Bends | None]:
     """Return the factors of the point, the direction that arrives and the material in those of the ray that leaves."""
     there = _point(geometry, turn.index, shape, turn.ray)
-    own, row = single(materials, there.material)
+    own, row = single(materials, there)
 
     def onward(point: SurfacePoint, arriving: Array, own: Materials) -> Ray:
         return leave(point, scatter(own, replace(point, material=row), -arriving, turn.numbers).direction)
@@ -93,8 +93,8 @@ def _pull_point(geometry: Geometry, shape: _Shape, turn: Turn, change: SurfacePo
 
 
 def _unmarked(point: SurfacePoint) -> SurfacePoint:
-    """Return the point without its material: a whole number has no derivative."""
-    return replace(point, material=jnp.zeros_like(point.error))
+    """Return the point without its material and vertices: whole numbers have no derivative."""
+    return replace(point, material=jnp.zeros_like(point.error), chart=None)
 
 
 def _shape(geometry: Geometry, index: Array) -> _Shape:
@@ -126,7 +126,8 @@ def _point(geometry: Geometry, index: Array, shape: _Shape, ray: Ray) -> Surface
         material = geometry.triangles.material[jnp.maximum(index - n, 0)]
         normals = None if shape.normals is None else shape.normals[None]
         wide = geometry.triangles.wide
-        triangles = corner_table(shape.corners[None], material[None], None, normals, wide)
+        chart = jax.tree.map(lambda x: x[jnp.maximum(index - n, 0)][None], geometry.triangles.chart)
+        triangles = corner_table(shape.corners[None], material[None], None, normals, chart, wide)
     among = jnp.where(index < n, 0, 1 if n else 0).astype(jnp.int32)
     return surface_point(Geometry(spheres, triangles), ray, Hit(among, jnp.ones((), bool)))
 
@@ -139,6 +140,7 @@ def _sphere(table: SphereTable, row: Array, center: Array, radius: Array) -> Sph
     base, shift = grad_only(jnp.where(huge, 0, center)), grad_only(jnp.where(huge, center, 0))
     constant = grad_only(jnp.where(huge, squared, 0) - radius * radius)
     moving = SphereTable(center, radius, one.base + base, one.shift + shift, one.constant + constant, one.material)
+    moving = replace(moving, charted=table.charted)
     return jax.tree.map(lambda x: x[None], moving)
 
 

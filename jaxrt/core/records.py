@@ -32,6 +32,15 @@ class Smooth:
 
 
 @pytree
+class Chart:
+    """Where a point is on its surface, for textures; parts that the scene's textures do not ask for are None."""
+
+    uv: Array | None = None  # (2,)
+    vertices: Array | None = None  # (3,) int32 rows of `meshes.vertices` of the face
+    shares: Array | None = None  # (3,) barycentric coordinates
+
+
+@pytree
 class SurfacePoint:
     """A point on a surface, with all that shading needs."""
 
@@ -40,6 +49,7 @@ class SurfacePoint:
     error: Array  # () bound on the distance from `position` to the true surface, in scene units
     material: Array  # () int32 row of the scene's materials; rows past the last one are sphere lights
     smooth: Smooth | None = None  # None in scenes without smooth meshes
+    chart: Chart | None = None  # None in scenes without textures
 
     @property
     def shading(self) -> Array:

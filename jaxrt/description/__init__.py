@@ -18,12 +18,14 @@ from jaxrt.description.kinds import CAMERAS, LIGHTS, MATERIALS
 from jaxrt.description.mesh import MeshDescription
 from jaxrt.description.mesh_facts import COLLINEAR
 from jaxrt.description.pose import GroupDescription, joined
+from jaxrt.description.textures import check_places, check_textures
 from jaxrt.description.values import (
     FLOAT32_TINY,
     LONGEST,
     SHORTEST,
     Count,
     Name,
+    Pair,
     Radius,
     Rgb,
     Table,
@@ -83,6 +85,7 @@ class TriangleDescription(Table):
 
     vertices: Annotated[tuple[Vector, Vector, Vector], BeforeValidator(three)]
     material: Name
+    uv: Annotated[tuple[Pair, Pair, Pair], BeforeValidator(three)] = ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
 
     @model_validator(mode="after")
     def _check_area(self) -> Self:
@@ -134,6 +137,7 @@ class SceneDescription(Table):
     camera: Annotated[Any, BeforeValidator(CAMERAS.validate)]
     render: RenderDefaults = RenderDefaults()
     environment: EnvironmentDescription | None = None
+    textures: Annotated[dict[Name, Any], BeforeValidator(check_textures)] = {}
     materials: Annotated[dict[Name, MaterialDescription], BeforeValidator(_check_types)] = {}
     groups: Annotated[dict[Name, GroupDescription], BeforeValidator(_check_groups)] = {}
     spheres: Annotated[tuple[SphereDescription, ...], BeforeValidator(tables)] = ()
@@ -228,17 +232,19 @@ class SceneDescription(Table):
     @model_validator(mode="before")
     @classmethod
     def _take_mesh_materials(cls, value: Any) -> Any:
-        """Add the materials that meshes bring along; one of that name in the scene wins."""
+        """Add the materials and textures that meshes bring along; one of that name in the scene wins."""
         if not isinstance(value, Mapping) or not isinstance(value.get("meshes"), list | tuple):
             return value
-        own: dict[str, Any] = {}
-        for mesh in value["meshes"]:
-            if isinstance(mesh, Mapping) and "material" not in mesh and isinstance(mesh.get("materials"), Mapping):
-                own |= mesh["materials"]
-        materials = value.get("materials", {})
-        if not own or not isinstance(materials, Mapping):
-            return value
-        return {**value, "materials": {**materials, **{k: v for k, v in own.items() if k not in materials}}}
+        value = dict(value)
+        for sort in ("materials", "textures"):
+            own: dict[str, Any] = {}
+            for mesh in value["meshes"]:
+                if isinstance(mesh, Mapping) and "material" not in mesh and isinstance(mesh.get(sort), Mapping):
+                    own |= mesh[sort]
+            given = value.get(sort, {})
+            if own and isinstance(given, Mapping):
+                value[sort] = {**given, **{k: v for k, v in own.items() if k not in given}}
+        return value
 
     @model_validator(mode="after")
     def _check_own_names(self) -> Self:
@@ -262,6 +268,11 @@ class SceneDescription(Table):
                 if member.material not in self.materials:
                     hint = nearest(member.material, self.materials)
                     raise complaint(f"unknown material {show(member.material)}{hint}", group, i, "material")
+        return self
+
+    @model_validator(mode="after")
+    def _check_textures(self) -> Self:
+        check_places(self)
         return self
 
     @model_validator(mode="after")

@@ -16,8 +16,10 @@ import importlib
 import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from types import NoneType, UnionType
 from typing import (
+    Annotated,
     Any,
     ClassVar,
     Literal,
@@ -31,10 +33,11 @@ from typing import (
 )
 
 import numpy as np
-from pydantic import BaseModel, Field, TypeAdapter, ValidationError, create_model
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError, WrapValidator, create_model
 from pydantic.fields import FieldInfo
 
 from jaxrt.core.messages import nearest, show
+from jaxrt.description.textures import paintable, painted
 from jaxrt.description.values import Count, Measure, Name, Table, complaint, measure_of, told
 
 T = TypeVar("T")
@@ -101,6 +104,7 @@ class Family:
         shared: Mapping[str, tuple[Any, Any]] | None = None,
         named: bool = False,
         tried: bool = False,
+        textured: bool = False,
     ) -> None:
         """Make an empty family.
 
@@ -109,11 +113,12 @@ class Family:
         default: the type of a table that names none. rows: whether there are many in a scene, as rows of arrays.
         shared: fields that all have, their type and default. named: whether a table may have a `name` for its row.
         tried: whether defaults and methods (see `contracts`) of classes that are not ours are tried.
+        textured: whether fields that scale light may be textures.
         """
         self.word, self.owner, self.default = word, owner, default
         self._methods, self._statics, self._rows, self._shared = methods, statics, rows, shared or {}
         self._named: dict[str, Any] = {"name": (Name | None, None)} if named else {}
-        self._tried = tried
+        self._tried, self._textured = tried, textured
         self._kinds: dict[str, Kind] = {}
 
     @dataclass_transform(frozen_default=True)
@@ -196,6 +201,8 @@ class Family:
             plain = default is not ... and not isinstance(default, FieldInfo)
             if plain and measure is not None and self._is_tried(cls):
                 self._check_default(cls, field, hint, default)
+            if measure is not None and self._textured and paintable(measure, getattr(cls, "is_delta", False)):
+                hint = Annotated[hint, WrapValidator(partial(painted, measure))]
             columns[field] = (hint, Field(default=default, validate_default=True) if plain else default)
         return measures, tuple(settings), columns
 
@@ -315,7 +322,12 @@ def _of_camera(cls: Any) -> Sequence[str]:
 
 
 MATERIALS = Family(
-    "material", "materials", _of_material, {"is_delta": False, "is_lambertian": False, "transmits": False}, tried=True
+    "material",
+    "materials",
+    _of_material,
+    {"is_delta": False, "is_lambertian": False, "transmits": False},
+    tried=True,
+    textured=True,
 )
 LIGHTS = Family("light", "lights", _of_light, {"is_delta": False}, default="sphere", named=True, tried=True)
 CAMERAS = Family(

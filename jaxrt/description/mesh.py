@@ -32,6 +32,8 @@ def _array(kind: type, shape: tuple[int, ...], example: str) -> Callable[[Any], 
 
 Vertices = Annotated[Any, BeforeValidator(_array(float, (0, 3), "(v, 3) numbers, such as [[0, 0, 0], …]"))]
 Faces = Annotated[Any, BeforeValidator(_array(int, (0, 3), "(n, 3) rows of the vertices, such as [[0, 1, 2], …]"))]
+Uv = Annotated[Any, BeforeValidator(_array(float, (0, 2), "(k, 2) numbers, such as [[0, 0], …]"))]
+Colors = Annotated[Any, BeforeValidator(_array(float, (0, 3), "(v, 3) numbers in [0, 1], one row a vertex"))]
 Rows = Annotated[Any, BeforeValidator(_array(int, (0,), "(n,) whole numbers, one a face"))]
 
 
@@ -50,6 +52,10 @@ class MeshDescription(PoseTable):
     face_materials: Rows | None = None  # (n,) row of `materials` of each face
     smooth: Boolean = False
     group: Name | None = None  # with which it is placed, once it is placed itself
+    uv: Uv | None = None  # (k, 2) places on textures
+    face_uv: Faces | None = None  # (n, 3) rows of `uv` of each face's corners; None: those of its vertices
+    colors: Colors | None = None  # (v, 3) linear, in [0, 1]
+    textures: dict[str, Any] | None = None  # those that the file's materials bring along
 
     @model_validator(mode="before")
     @classmethod
@@ -79,6 +85,27 @@ class MeshDescription(PoseTable):
             rows = self.face_materials
             if rows is None or len(rows) != len(self.faces) or rows.min() < 0 or rows.max() >= len(self.materials):
                 raise complaint("do not name one of materials for each face: write (n,) rows", "face_materials")
+        return self
+
+    @model_validator(mode="after")
+    def _check_corners(self) -> Self:
+        if self.uv is not None:
+            if self.face_uv is None and len(self.uv) != len(self.vertices):
+                text = f"has {len(self.uv)} rows for {len(self.vertices)} vertices: write one each, or face_uv"
+                raise complaint(text, "uv")
+            if not (np.abs(self.uv) <= LONGEST).all():
+                raise complaint("is not finite, or beyond ±1e15: repair the mesh", "uv")
+        if self.face_uv is not None:
+            rows = 0 if self.uv is None else len(self.uv)
+            if self.face_uv.shape != self.faces.shape or not ((0 <= self.face_uv) & (self.face_uv < rows)).all():
+                text = f"is not three rows of uv, 0 to {rows - 1}, for each of {len(self.faces)} faces: write them"
+                raise complaint(text, "face_uv")
+        if self.colors is not None:
+            if len(self.colors) != len(self.vertices):
+                text = f"has {len(self.colors)} rows for {len(self.vertices)} vertices: write one each"
+                raise complaint(text, "colors")
+            if not ((self.colors >= 0) & (self.colors <= 1)).all():
+                raise complaint("is outside [0, 1]: divide it by its largest value, such as 255", "colors")
         return self
 
     @model_validator(mode="after")
@@ -112,6 +139,14 @@ class MeshDescription(PoseTable):
     def names(self) -> tuple[str, ...]:
         """Names of the materials, in the order of `rows`."""
         return tuple(self.materials or ()) if self.material is None else (self.material,)
+
+    @cached_property
+    def corners_uv(self) -> Floats | None:
+        """Places on textures (n, 3, 2) of the corners of the faces kept."""
+        if self.uv is None:
+            return None
+        uv: Floats = self.uv[(self.faces if self.face_uv is None else self.face_uv)[self.kept]]
+        return uv
 
     @cached_property
     def rows(self) -> Ints:

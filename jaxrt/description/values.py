@@ -99,6 +99,14 @@ def three(value: Any) -> tuple[Any, ...]:
     return tuple(value)
 
 
+def two(value: Any) -> tuple[Any, ...]:
+    """Return `value` as two values; complain of anything else."""
+    value = plain(value)
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise complaint(f"{show(value)} is not a pair: write two values in brackets")
+    return tuple(value)
+
+
 def tables(value: Any, info: ValidationInfo) -> tuple[Any, ...]:
     """Return `value` as a tuple of tables; complain of a single one."""
     if isinstance(value, Mapping):
@@ -148,6 +156,7 @@ LightRadius = Annotated[
 Ior = Annotated[Size, require(lambda x: x > 0, "is not > 0: glass has about 1.5")]
 Fov = Annotated[Size, require(lambda x: 0 < x < 180, "is not between 0 and 180: choose degrees, such as 60")]
 Vector = Annotated[tuple[Coordinate, Coordinate, Coordinate], BeforeValidator(three)]
+Pair = Annotated[tuple[Coordinate, Coordinate], BeforeValidator(two)]
 Albedo = Annotated[tuple[Reflectance, Reflectance, Reflectance], BeforeValidator(three)]
 Rgb = Annotated[tuple[Power, Power, Power], BeforeValidator(three)]
 

@@ -18,30 +18,38 @@ from jaxrt.core.pytree import dtype_of, pytree, with_fields
 from jaxrt.core.records import SurfacePoint
 from jaxrt.description.kinds import MATERIALS
 from jaxrt.kernels.gather import take
+from jaxrt.textures import Textures, painted
 
 __all__ = ["Materials", "Scattering", "albedo_of", "evaluate", "scatter", "single"]
 
 MATERIALS.load("diffuse", "mirror", "glass")  # one file each, numbered in this order
+_TEXTURES = "textures"
 
 
 class Materials:
-    """The materials of a scene: a pytree of the kinds that it has, by name; those that it lacks are None."""
+    """The materials of a scene: a pytree of the kinds that it has, by name; those that it lacks are None.
+
+    So are `textures`, of which it may have some besides.
+    """
 
     @staticmethod
-    def of(**kinds: Any) -> "Materials":
+    def of(textures: Textures | None = None, **kinds: Any) -> "Materials":
         """Return the record of stacked kinds by name, in the order of their rows."""
         names = sorted((name for name in MATERIALS.kinds if kinds.get(name) is not None), key=_group)
-        return with_fields(Materials, tuple(names))(*(kinds[name] for name in names))
+        if textures is None:
+            return with_fields(Materials, tuple(names))(*(kinds[name] for name in names))
+        return with_fields(Materials, (*names, _TEXTURES))(*(kinds[name] for name in names), textures)
 
     def __getattr__(self, name: str) -> Any:
-        if name in MATERIALS.kinds:
+        if name in MATERIALS.kinds or name == _TEXTURES:
             return None
         raise AttributeError(f"no material type is called {name!r}")
 
     @property
     def kinds(self) -> tuple[Any, ...]:
         """The kinds that are there, in the order of their rows."""
-        return tuple(getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
+        names = (field.name for field in fields(self))  # type: ignore[arg-type]
+        return tuple(getattr(self, name) for name in names if name != _TEXTURES)
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -111,7 +119,7 @@ def scatter(materials: Materials, surface: SurfacePoint, wo: Array, u: tuple[Arr
     row, normal, first = surface.material, surface.shading, 0
     direction, weight, albedo, pdf = normal, jnp.zeros_like(normal), None, None
     for kind, end in zip(materials.kinds, accumulate(materials.counts), strict=True):
-        one, here = _row(kind, row, first, end), _within(row, first, end)
+        one, here = _row(materials, kind, surface, first, end), _within(row, first, end)
         if kind.is_lambertian:
             own = jnp.where(here, one.albedo, 0)
             albedo = own if albedo is None else albedo + own
@@ -144,34 +152,39 @@ def evaluate(materials: Materials, surface: SurfacePoint, wo: Array, wi: Array) 
     for kind, end in zip(materials.kinds, accumulate(materials.counts), strict=True):
         if not (kind.is_delta or kind.is_lambertian):
             here = _within(surface.material, first, end)
-            found = _row(kind, surface.material, first, end).evaluate(surface, wo, wi)
+            found = _row(materials, kind, surface, first, end).evaluate(surface, wo, wi)
             value, pdf = jnp.where(here, found[0], value), jnp.where(here, lax.stop_gradient(found[1]), pdf)
         first = end
     return value, pdf
 
 
-def albedo_of(materials: Materials, row: Array) -> Array:
-    """Return the `albedo` (3,) of a material: 1 of a kind that has no such field, and 0 of sphere lights."""
+def albedo_of(materials: Materials, surface: SurfacePoint) -> Array:
+    """Return the `albedo` (3,) of a surface: 1 of a kind that has no such field, and 0 of sphere lights."""
     albedo, first = jnp.zeros(3, dtype_of(materials)), 0
     for kind, end in zip(materials.kinds, accumulate(materials.counts), strict=True):
-        one = _row(kind, row, first, end)
+        one = _row(materials, kind, surface, first, end)
         own = one.albedo if "albedo" in kind.kind.parameters else 1
-        albedo = jnp.where(_within(row, first, end), own, albedo)
+        albedo = jnp.where(_within(surface.material, first, end), own, albedo)
         first = end
     return albedo
 
 
-def _row(kind: Any, row: Array, first: int, end: int) -> Any:
-    """Return the kind's one material of that row, or any of its own where the row is of another kind."""
+def _row(materials: Materials, kind: Any, surface: SurfacePoint, first: int, end: int) -> Any:
+    """Return the kind's one material that a surface has, or any of its own where the surface's is of another kind."""
+    row = surface.material
     i = jnp.clip(row - first if first else row, 0, end - first - 1)
-    return jax.tree.map(lambda leaf: take(leaf, i), kind)
+    one = jax.tree.map(lambda leaf: take(leaf, i), kind)
+    if materials.textures is None:
+        return one
+    return painted(materials.textures, kind.kind.name, one, i, surface.chart)
 
 
-def single(materials: Materials, row: Array) -> tuple[Materials, Array]:
-    """Return one material of each kind, that of a row among them, and its row there."""
+def single(materials: Materials, surface: SurfacePoint) -> tuple[Materials, Array]:
+    """Return one material of each kind, that of a surface among them as it is there, and its row there."""
+    row = surface.material
     kinds, now, first = {}, jnp.zeros_like(row), 0
     for kind, end in zip(materials.kinds, accumulate(materials.counts), strict=True):
-        kinds[kind.kind.name] = jax.tree.map(lambda leaf: leaf[None], _row(kind, row, first, end))
+        kinds[kind.kind.name] = jax.tree.map(lambda leaf: leaf[None], _row(materials, kind, surface, first, end))
         now, first = now + jnp.where(row >= end, 1, 0).astype(row.dtype), end
     return Materials.of(**kinds), now
 

@@ -25,7 +25,8 @@ from jaxrt.scene.materials import list_materials
 from jaxrt.scene.names import names_of
 from jaxrt.scene.poses import poses_of
 from jaxrt.scene.record import NoSceneError, Scene, with_poses
-from jaxrt.shapes import Spheres, Triangles, lost_digits, mesh_edges, sphere_topology, topology_of
+from jaxrt.shapes import FaceChart, Spheres, Triangles, lost_digits, mesh_edges, sphere_topology, topology_of
+from jaxrt.textures.stack import asks
 
 WIDE = 1e3  # from that ratio on, rays lose a triangle over 1/3000 of the smallest thing's size
 
@@ -86,7 +87,8 @@ def _spheres(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, 
     material = jnp.asarray([rows[s.material] for s in scene.spheres], jnp.int32)
     c, r, lost = (jnp.asarray(x, dtype) for x in (center, radius, lost_digits(center, radius, dtype)))
     tree, outside = sphere_topology(center, radius) or (None, None)
-    return Spheres(c, r, lost, material, tree, outside)
+    charted, _ = asks(scene, [s.material for s in scene.spheres])
+    return Spheres(c, r, lost, material, tree, outside, charted)
 
 
 def _triangles(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray, dtype: DTypeLike) -> Triangles | None:
@@ -108,7 +110,22 @@ def _triangles(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray
         topology_of(corners, indices),
         mesh_edges(corners.astype(dtype), indices),
         _smooth(scene, corners, indices),
+        _chart(scene, indices, dtype),
         _wide(scene),
+    )
+
+
+def _chart(scene: SceneDescription, faces: np.ndarray, dtype: DTypeLike) -> FaceChart | None:
+    """Return where faces (n, 3), those of meshes and then single ones, are on textures; None where none asks."""
+    names = [mesh.names[row] for mesh in scene.meshes for row in np.unique(mesh.rows)]
+    uv, vertices = asks(scene, [*names, *(triangle.material for triangle in scene.triangles)])
+    if not (uv or vertices):
+        return None
+    corners = [np.zeros((len(m.kept), 3, 2)) if m.corners_uv is None else m.corners_uv for m in scene.meshes]
+    singles = np.asarray([triangle.uv for triangle in scene.triangles], float).reshape(-1, 3, 2)
+    return FaceChart(
+        jnp.asarray(np.concatenate([*corners, singles]), dtype) if uv else None,
+        jnp.asarray(faces, jnp.int32) if vertices else None,
     )
 
 

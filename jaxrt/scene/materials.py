@@ -16,6 +16,9 @@ from jaxrt.description import SceneDescription
 from jaxrt.description.kinds import MATERIALS
 from jaxrt.materials import Materials
 from jaxrt.scene.record import Scene
+from jaxrt.textures.stack import textures_of
+
+TEXTURES = "textures."  # how the names of their parameters begin
 
 
 class Listed(NamedTuple):
@@ -32,12 +35,9 @@ def list_materials(scene: SceneDescription, dtype: DTypeLike, origin: np.ndarray
     made: dict[str, list[str]] = {}
     for name in filter(scene.used.__contains__, scene.materials):
         made.setdefault(MATERIALS.kind_of(scene.materials[name]).name, []).append(name)
-    materials = Materials.of(
-        **{
-            kind: MATERIALS.kinds[kind].stack([scene.materials[name] for name in names], dtype, origin)
-            for kind, names in made.items()
-        }
-    )
+    tables = {kind: [scene.materials[name] for name in names] for kind, names in made.items()}
+    stacks = {kind: MATERIALS.kinds[kind].stack(own, dtype, origin) for kind, own in tables.items()}
+    materials = Materials.of(textures_of(scene, tables, dtype), **stacks)
     numbered = [name for kind in materials.kinds for name in made[kind.kind.name]]
     fields = {name: MATERIALS.kind_of(material).parameters for name, material in scene.materials.items()}
     idle, order = {}, {}
@@ -84,3 +84,17 @@ def _parts(scene: Scene, field: str) -> list[Array]:
     """Return the rows of a field, kind by kind, and then those of materials that nothing is made of."""
     parts = [getattr(getattr(scene.materials, kind), field) for kind in _owners(scene, field)]
     return [*parts, scene.idle[field]] if scene.idle and field in scene.idle else parts
+
+
+def texture_parameters(materials: Materials) -> dict[str, Array]:
+    """Return the texels of each texture by the name of its parameter."""
+    textures = materials.textures
+    return {} if textures is None else {TEXTURES + name: texels for name, texels in textures.named().items()}
+
+
+def with_texture_parameters(materials: Materials, new: Mapping[str, Array]) -> Materials:
+    """Return the materials with new texels of some textures."""
+    own = {name.removeprefix(TEXTURES): texels for name, texels in new.items() if name.startswith(TEXTURES)}
+    if not own:
+        return materials
+    return replace(materials, textures=materials.textures.with_named(own))  # type: ignore[type-var]

@@ -8,6 +8,7 @@ from jaxrt.materials import Materials
 _PLACE = Measure("place", "xyz", "[0, 0, 0]")
 _TURN = Measure("turn", "xyz", "[0, 0, 0]")
 _SCALE = Measure("positive", "", "1")
+_TEXELS = Measure("fraction", "rgb", "[0.8, 0.8, 0.8]", tints=True)
 _OTHERS = {
     "spheres.center": _PLACE,
     "spheres.radius": Measure("positive", "", "10"),
@@ -20,12 +21,14 @@ _OTHERS = {
     "groups.scale": _SCALE,
     "environment.radiance": Measure("positive", "rgb", "[1, 1, 1]", tints=True),
 }
-ALONE = ("camera", "environment")  # owners of parameters without rows
+ALONE = ("camera", "environment", "textures")  # owners of parameters without rows
 SHAPES = ("spheres", "meshes", "groups", "camera")  # owners of parameters by which the camera sees shapes elsewhere
 
 
 def measure(name: str) -> Measure:
     """Return what a parameter measures. Raises SceneError for a name that nothing has."""
+    if name.startswith("textures."):
+        return _TEXELS
     known = _OTHERS | MATERIALS.parameters | LIGHTS.parameters | CAMERAS.parameters
     if name not in known:
         raise SceneError(f"{name}: no scene has such a parameter{nearest(name, known)}")

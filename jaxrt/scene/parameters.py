@@ -12,7 +12,12 @@ from jax.typing import ArrayLike
 from jaxrt.description import SceneError
 from jaxrt.kernels.native import local
 from jaxrt.scene.lights import light_parameters, with_light_parameters
-from jaxrt.scene.materials import material_parameters, with_material_parameters
+from jaxrt.scene.materials import (
+    material_parameters,
+    texture_parameters,
+    with_material_parameters,
+    with_texture_parameters,
+)
 from jaxrt.scene.measures import measure
 from jaxrt.scene.names import Row, rows_called
 from jaxrt.scene.poses import POSES, place, pose_parameters, shapes_with, with_pose_parameters
@@ -60,6 +65,7 @@ def parameters(scene: Scene, selector: str | None = None) -> dict[str, Array] | 
     p: dict[str, Array] = {}
     p |= light_parameters(scene)
     p |= material_parameters(scene)
+    p |= texture_parameters(scene.materials)
     spheres, triangles = place(scene.poses, scene.spheres, scene.triangles)
     if spheres is not None:
         p |= {"spheres.center": spheres.center, "spheres.radius": spheres.radius}
@@ -153,7 +159,7 @@ def _assign(scene: Scene, new: Mapping[str, Array]) -> Scene:
         spheres=spheres,
         triangles=triangles,
         poses=with_pose_parameters(scene.poses, new),
-        materials=materials,
+        materials=with_texture_parameters(materials, new),
         idle=idle,
         environment=new.get("environment.radiance", scene.environment),
     )

@@ -69,4 +69,9 @@ def with_poses(scene: Scene) -> Scene:
 
 def drawn(scene: Scene) -> Scene:
     """Return what a picture depends on: scenes that differ in the rest share a program."""
-    return replace(placed(scene), idle=None, order=None, origin=None, defaults=RenderDefaults(), names=Names())
+    materials = scene.materials
+    if materials.textures is not None:
+        materials = replace(materials, textures=replace(materials.textures, names=()))  # type: ignore[type-var]
+    return replace(
+        placed(scene), materials=materials, idle=None, order=None, origin=None, defaults=RenderDefaults(), names=Names()
+    )

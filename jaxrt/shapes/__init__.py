@@ -14,7 +14,7 @@ from jax import Array, lax
 
 from jaxrt.core.maths import FAR, dot, sign_or_one
 from jaxrt.core.pytree import pytree
-from jaxrt.core.records import Hit, Ray, Smooth, SurfacePoint
+from jaxrt.core.records import Chart, Hit, Ray, Smooth, SurfacePoint
 from jaxrt.shapes.adjacency import mesh_edges
 from jaxrt.shapes.search.bvh import Survey, Topology, survey, topology_of
 from jaxrt.shapes.sphere import (
@@ -33,6 +33,7 @@ from jaxrt.shapes.sphere import (
     without_more,
 )
 from jaxrt.shapes.triangle import (
+    FaceChart,
     Triangles,
     TriangleTable,
     find_triangle,
@@ -44,11 +45,13 @@ from jaxrt.shapes.triangle import (
 )
 
 __all__ = [
+    "FaceChart",
     "Geometry",
     "Spheres",
     "Survey",
     "Topology",
     "Triangles",
+    "charted_as",
     "distance_to",
     "find",
     "geometry_of",
@@ -146,7 +149,16 @@ def surface_point(geometry: Geometry, ray: Ray, hit: Hit) -> SurfacePoint:
     b = triangle_surface_point(geometry.triangles, ray, jnp.maximum(hit.index - first, 0))
     if b.smooth is not None:
         a = replace(a, smooth=Smooth(a.normal, a.position, jnp.ones_like(a.error)))
+    if a.chart is not None or b.chart is not None:
+        a, b = charted_as(a, b), charted_as(b, a)
     return jax.tree.map(lambda x, y: jnp.where(on_sphere, x, y), a, b)
+
+
+def charted_as(point: SurfacePoint, other: SurfacePoint) -> SurfacePoint:
+    """Return the point with a chart of the parts that another's has too, those that it lacks being 0."""
+    own, more = point.chart or Chart(), other.chart or Chart()
+    parts = ((getattr(own, part), getattr(more, part)) for part in ("uv", "vertices", "shares"))
+    return replace(point, chart=Chart(*(jnp.zeros_like(b) if a is None and b is not None else a for a, b in parts)))
 
 
 def place_of(point: SurfacePoint) -> Array:

@@ -13,8 +13,8 @@ from jax.typing import DTypeLike
 from numpy.typing import NDArray
 
 from jaxrt.core.maths import dot, grad_only, normalize, safe_divide, safe_sqrt, two_sum, unit_roundoff
-from jaxrt.core.pytree import pytree
-from jaxrt.core.records import Ray, SurfacePoint
+from jaxrt.core.pytree import pytree, static
+from jaxrt.core.records import Chart, Ray, SurfacePoint
 from jaxrt.kernels.gather import take
 from jaxrt.kernels.native import once
 from jaxrt.shapes.roots import Row, power_of, root_distance, roots_of
@@ -37,6 +37,7 @@ class Spheres:
     material: Array  # (n,) int32
     bvh: Topology | None = None  # made by `sphere_topology`; None: few, tested one by one
     outside: Array | None = None  # (k,) int32, rows that are tested one by one beside the tree
+    charted: bool = static(default=False)  # whether surface points say where on the sphere they are
 
 
 @pytree
@@ -51,6 +52,7 @@ class SphereTable:
     material: Array  # (n,) int32
     outside: Array | None = None  # (k,) int32, rows that are not in the tree; None without
     tree: Tree | None = None  # no derivative passes through it
+    charted: bool = static(default=False)
 
 
 def sphere_table(spheres: Spheres) -> SphereTable:
@@ -62,7 +64,7 @@ def sphere_table(spheres: Spheres) -> SphereTable:
     base, constant = jnp.where(huge[:, None], 0, c), jnp.where(huge, power, -r * r)
     tree = None if spheres.bvh is None else ball_tree(spheres.bvh, *lax.stop_gradient((c, r, base, constant)))
     shift = jnp.where(huge[:, None], c, 0)
-    return SphereTable(c, r, base, shift, constant, spheres.material, spheres.outside, tree)
+    return SphereTable(c, r, base, shift, constant, spheres.material, spheres.outside, tree, spheres.charted)
 
 
 def with_more(spheres: Spheres, center: Array, radius: Array, material: Array) -> Spheres:
@@ -78,6 +80,7 @@ def with_more(spheres: Spheres, center: Array, radius: Array, material: Array) -
         jnp.concatenate([spheres.material, material]),
         spheres.bvh,
         outside,
+        spheres.charted,
     )
 
 
@@ -179,7 +182,26 @@ def sphere_surface_point(table: SphereTable, ray: Ray, i: Array) -> SurfacePoint
     row = once(_row)(table, i)
     t = once(_distance_to_surface)(row, ray)
     p = once(onto_sphere)(row, ray.origin + t * ray.direction)
-    return SurfacePoint(p, normalize(p - row[0]), sphere_error(row, p), table.material[i])
+    normal = normalize(p - row[0])
+    return SurfacePoint(p, normal, sphere_error(row, p), table.material[i], chart=sphere_chart(table, normal))
+
+
+def sphere_chart(table: SphereTable, normal: Array) -> Chart | None:
+    """Return where on a sphere of the table its normal (3,) is, None where no texture asks."""
+    return Chart(uv=round_sphere(normal)) if table.charted else None
+
+
+def round_sphere(normal: Array) -> Array:
+    """Return longitude and latitude (2,), in [0, 1], of a direction (3,) from a sphere's middle.
+
+    u goes round +y, from −z by −x, +z and +x, and v from the bottom, −y, to the top.
+    """
+    x, y, z = normal
+    across = safe_sqrt(x * x + z * z)
+    pole = across == 0
+    u = 0.5 + jnp.arctan2(x, jnp.where(pole, 1, z)) / (2 * jnp.pi)
+    v = 0.5 + jnp.arctan2(y, jnp.where(pole, jnp.where(y == 0, 1, 0), across)) / jnp.pi
+    return jnp.stack([u, v])
 
 
 def _distance_to_surface(row: Row, ray: Ray) -> Array:

@@ -11,7 +11,7 @@ from jax import Array, lax
 
 from jaxrt.core.maths import FAR, cross, dot, grad_only, normalize, safe_divide, unit_roundoff
 from jaxrt.core.pytree import pytree, static
-from jaxrt.core.records import Ray, SurfacePoint
+from jaxrt.core.records import Chart, Ray, SurfacePoint
 from jaxrt.kernels.gather import take
 from jaxrt.shapes.adjacency import MeshEdges
 from jaxrt.shapes.edges import Corner, along_axis, edge_functions, hit_distance, main_axis, shear
@@ -19,6 +19,14 @@ from jaxrt.shapes.search.boxes import Tree, tree_of
 from jaxrt.shapes.search.bvh import Topology
 from jaxrt.shapes.search.traverse import any_hit, nearest_hit
 from jaxrt.shapes.smooth import corner_normals, smooth_place
+
+
+@pytree
+class FaceChart:
+    """Where the corners of faces are for textures; parts that the scene's textures do not ask for are None."""
+
+    uv: Array | None = None  # (n, 3, 2)
+    vertices: Array | None = None  # (n, 3) int32
 
 
 @pytree
@@ -31,6 +39,7 @@ class Triangles:
     bvh: Topology | None = None  # made by `topology_of`; None: few, tested one by one
     edges: MeshEdges | None = None  # for what moving edges add to derivatives
     smooth: Array | None = None  # (n, 3) int32, corners of one number share their normal; None: no mesh is smooth
+    chart: FaceChart | None = None  # None where no texture asks
     wide: bool = static(default=False)  # some are far wider than other things of the scene are large
 
 
@@ -43,6 +52,7 @@ class TriangleTable:
     error: Array  # (n,) how far off its plane a point of a triangle may be seen; without derivative
     tree: Tree | None = None  # no derivative passes through it
     normals: Array | None = None  # (n, 3, 3) unit normal at each corner, None where no mesh is smooth
+    chart: FaceChart | None = None  # as above
     wide: bool = static(default=False)  # as above: hits are then found with more care
 
 
@@ -55,14 +65,19 @@ def triangle_table(triangles: Triangles) -> TriangleTable:
     corners = jnp.where(flat[:, None, None], corners[:, :1], corners)
     tree = None if triangles.bvh is None else tree_of(triangles.bvh, lax.stop_gradient(corners), triangles.wide)
     normals = None if triangles.smooth is None else corner_normals(corners, triangles.smooth)
-    return corner_table(corners, triangles.material, tree, normals, triangles.wide)
+    return corner_table(corners, triangles.material, tree, normals, triangles.chart, triangles.wide)
 
 
 def corner_table(
-    corners: Array, material: Array, tree: Tree | None = None, normals: Array | None = None, wide: bool = False
+    corners: Array,
+    material: Array,
+    tree: Tree | None = None,
+    normals: Array | None = None,
+    chart: FaceChart | None = None,
+    wide: bool = False,
 ) -> TriangleTable:
     """Return the rows of triangles by their corners (n, 3, 3)."""
-    return TriangleTable(corners, material, _plane_error(lax.stop_gradient(corners)), tree, normals, wide)
+    return TriangleTable(corners, material, _plane_error(lax.stop_gradient(corners)), tree, normals, chart, wide)
 
 
 def sheared(corners: Array, ray: Ray, wide: bool = False) -> list[Corner]:
@@ -162,10 +177,24 @@ def _shaded(
     direction: Array,
 ) -> SurfacePoint:
     """Return the point with what a smooth mesh adds. weights: barycentric, of the second and third corner."""
+    if table.chart is not None:
+        point = replace(point, chart=_chart(table.chart, i, weights))
     if table.normals is None:
         return point
     lifted, smooth = smooth_place(corners, take(table.normals, i), weights, point.position, point.normal, -direction)
     return replace(point, position=lifted, smooth=smooth)
+
+
+def _chart(corners: FaceChart, i: Array, weights: tuple[Array, Array]) -> Chart:
+    """Return where on triangle `i` the point of these barycentric coordinates is."""
+    shares = jnp.stack([1 - weights[0] - weights[1], *weights])
+    uv = vertices = None
+    if corners.uv is not None:
+        a, b, c = take(corners.uv, i)
+        uv = a + weights[0] * (b - a) + weights[1] * (c - a)
+    if corners.vertices is not None:
+        vertices = take(corners.vertices, i)
+    return Chart(uv, vertices, None if vertices is None else shares)
 
 
 def _plane_error(corners: Array) -> Array:

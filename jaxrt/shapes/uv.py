@@ -3,9 +3,10 @@
 import jax.numpy as jnp
 from jax import Array
 
-from jaxrt.core.maths import cross, dot, normalize, safe_divide, safe_sqrt
+from jaxrt.core.maths import cross, dot, normalize, safe_divide
 from jaxrt.kernels.gather import take
 from jaxrt.shapes import Geometry
+from jaxrt.shapes.sphere import round_sphere
 
 
 def uv_of(geometry: Geometry, index: Array, place: Array) -> Array:
@@ -17,19 +18,11 @@ def uv_of(geometry: Geometry, index: Array, place: Array) -> Array:
     n = 0 if geometry.spheres is None else geometry.spheres.radius.shape[0]
     found = []
     if geometry.spheres is not None:
-        found.append(_on_sphere(take(geometry.spheres.center, jnp.minimum(index, n - 1)), place))
+        center = take(geometry.spheres.center, jnp.minimum(index, n - 1))
+        found.append(round_sphere(normalize(place - center)))
     if geometry.triangles is not None:
         found.append(_on_triangle(take(geometry.triangles.corners, jnp.maximum(index - n, 0)), place))
     return found[0] if len(found) == 1 else jnp.where(index < n, found[0], found[1])
-
-
-def _on_sphere(center: Array, place: Array) -> Array:
-    x, y, z = normalize(place - center)
-    across = safe_sqrt(x * x + z * z)
-    pole = across == 0
-    u = 0.5 + jnp.arctan2(x, jnp.where(pole, 1, z)) / (2 * jnp.pi)
-    v = 0.5 + jnp.arctan2(y, jnp.where(pole, jnp.where(y == 0, 1, 0), across)) / jnp.pi
-    return jnp.stack([u, v])
 
 
 def _on_triangle(corners: Array, place: Array) -> Array:

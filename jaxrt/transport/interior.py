@@ -115,6 +115,8 @@ def _parted(moved: Sequence[int], own: frozenset[int]) -> Iterator[tuple[list[in
 def _turns_light(path: list[str]) -> bool:
     """Return whether light paths or light samples depend on a leaf; others keep the picture's own light samples."""
     if path[0] == "materials":
+        if path[1] == "textures":
+            return False
         kind = MATERIALS.kinds[path[1]]
         return kind.cls.is_delta and not kind.measures[path[2]].tints
     known = LIGHTS.parameters.get(".".join([path[0], path[-1]]))

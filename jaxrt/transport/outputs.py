@@ -43,7 +43,7 @@ KINDS: dict[str, tuple[str, Callable[[Tables, Ray, Hit, SurfacePoint], Array]]] 
     "depth": ("Z", _depth),
     "position": ("XYZ", lambda tables, ray, hit, point: place_of(point)),
     "normal": ("XYZ", _normal),
-    "albedo": ("RGB", lambda tables, ray, hit, point: albedo_of(tables.materials, point.material)),
+    "albedo": ("RGB", lambda tables, ray, hit, point: albedo_of(tables.materials, point)),
     "uv": ("UV", lambda tables, ray, hit, point: uv_of(tables.geometry, hit.index, place_of(point))),
 }
 SKY = "sky"  # the radiance that a ray which meets nothing sees
