@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from jaxrt.description.kinds import camera, light, material
     from jaxrt.fit import fit
     from jaxrt.gradcheck import gradcheck
-    from jaxrt.io import example, load_image, load_mesh, load_scene, load_views, save_image
+    from jaxrt.io import example, load_image, load_mesh, load_scene, load_texture, load_views, save_image
     from jaxrt.io.image import show, tonemap
     from jaxrt.kernels.jacobian import jacobian_once
     from jaxrt.programs.keep import keep_programs
@@ -38,6 +38,7 @@ __all__ = [
     "load_image",
     "load_mesh",
     "load_scene",
+    "load_texture",
     "load_views",
     "material",
     "names",
@@ -55,7 +56,7 @@ __all__ = [
 _HOMES = {
     "fit": ("fit",),
     "gradcheck": ("gradcheck",),
-    "io": ("example", "load_image", "load_mesh", "load_scene", "load_views", "save_image"),
+    "io": ("example", "load_image", "load_mesh", "load_scene", "load_texture", "load_views", "save_image"),
     "io.image": ("show", "tonemap"),
     "kernels.jacobian": ("jacobian_once",),
     "core.maths": ("rigid",),

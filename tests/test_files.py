@@ -280,8 +280,9 @@ def test_f7_all_that_is_left_out_is_one_warning_of_one_line(tmp_path):
     text = (FOLDER / "vertex_colours.obj").read_text().replace("f 1 3 4 2", "usemtl glass\nf 1 4 3 2")
     (tmp_path / "a.obj").write_text("mtllib glass.mtl\n" + text + "l 1 2\n")
     (tmp_path / "glass.mtl").write_text((FOLDER / "glass.mtl").read_text())
-    _, (told,) = load(tmp_path / "a.obj")
-    for part in ("vertex colours", "crossed order", "edges and points", "only Kd is read"):
+    mesh, (told,) = load(tmp_path / "a.obj")
+    assert "colors" in mesh
+    for part in ("crossed order", "edges and points", "only Kd and map_Kd are read"):
         assert part in told
     assert "\n" not in told
 
@@ -290,18 +291,18 @@ def test_f7_the_command_line_and_build_tell_it_once(tmp_path):
     scene = {"camera": {"position": [0, 0, 9]}, "environment": {"radiance": [1, 1, 1]}}
     scene["materials"] = {"white": {"type": "diffuse", "albedo": [0.8, 0.8, 0.8]}}
     text = "[camera]\nposition = [0, 0, 9]\n[environment]\nradiance = [1, 1, 1]\n[materials.white]\ntype = 'diffuse'\n"
-    text += f"albedo = [0.8, 0.8, 0.8]\n[[meshes]]\nfile = '{FOLDER / 'vertex_colours.obj'}'\nmaterial = 'white'\n"
+    text += f"albedo = [0.8, 0.8, 0.8]\n[[meshes]]\nfile = '{FOLDER / 'weights.obj'}'\nmaterial = 'white'\n"
     (tmp_path / "scene.toml").write_text(text)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         description = read_description(tmp_path / "scene.toml", allow_folders=[FOLDER])
     (line,) = warnings_of(description)
-    assert line == f"meshes[0] ({FOLDER / 'vertex_colours.obj'}): vertex colours are not read"
+    assert line == f"meshes[0] ({FOLDER / 'weights.obj'}): weights of vertices are not read"
     with pytest.warns(jaxrt.SceneWarning) as caught:
         jaxrt.load_scene(tmp_path / "scene.toml", allow_folders=[FOLDER])
     assert [str(warning.message) for warning in caught] == [line]
     # Told by load_mesh, it is not told again by build
-    mesh, told = load(FOLDER / "vertex_colours.obj")
+    mesh, told = load(FOLDER / "weights.obj")
     assert told and "notes" not in mesh
     with warnings.catch_warnings():
         warnings.simplefilter("error")

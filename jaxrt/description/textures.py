@@ -1,6 +1,8 @@
 """Textures: what a field of a material may be in place of one value, and how they stand in a scene file."""
 
+import re
 from collections.abc import Iterator, Mapping
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -26,6 +28,11 @@ if TYPE_CHECKING:
 
 MOST_TEXELS = 2**24  # of all textures of a scene together: 4096 x 4096, as many as float32 can count
 PICTURES = (".png", ".jpg", ".jpeg", ".exr")
+
+
+def name_of_picture(file: str) -> str:
+    """Return the name of the texture that a picture's file is."""
+    return re.sub(r"[^\w-]", "_", PurePath(file.replace("\\", "/")).stem)
 
 
 class PaintedColor(tuple[float, ...]):
@@ -134,6 +141,7 @@ class ImageTexture(Table):
 
     type: Literal["image"] = "image"
     file: Name | None = None  # where the texels come from, if from a file
+    notes: Name | None = None  # what the file holds and the texels do not, in one line
     texels: Texels = Field(default=None)  # (h, w, 3) linear, the first row on top
     wrap: Annotated[Literal["repeat", "clamp"], _one_of("repeat", "clamp")] = "repeat"  # beyond [0, 1]
     scale: Scale = (1.0, 1.0)  # how often it repeats along u and v
@@ -181,6 +189,8 @@ def check_textures(value: Any) -> Any:
 
 
 def _check_texture(value: Any, name: Any) -> Any:
+    if not isinstance(name, str) or not re.fullmatch(r"[\w-]+", name):
+        raise complaint(f"{show(name)} cannot be a texture's name: use letters, digits, - and _")
     if isinstance(value, BaseModel):
         return value
     if not isinstance(value, Mapping):

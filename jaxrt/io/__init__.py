@@ -9,10 +9,20 @@ from jaxrt.io.folders import Folders
 from jaxrt.io.image import load_image, save_image
 from jaxrt.io.meshes import load_mesh
 from jaxrt.io.scene_file import read_description
+from jaxrt.io.textures import load_texture
 from jaxrt.scene import Scene, build
 from jaxrt.scene.build import views_of
 
-__all__ = ["example", "load_image", "load_mesh", "load_scene", "load_views", "read_description", "save_image"]
+__all__ = [
+    "example",
+    "load_image",
+    "load_mesh",
+    "load_scene",
+    "load_texture",
+    "load_views",
+    "read_description",
+    "save_image",
+]
 
 
 def load_scene(path: StrPath, dtype: DTypeLike = jnp.float32, allow_folders: Folders = ()) -> Scene:

@@ -4,25 +4,25 @@ import io
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxrt.io import color
 from jaxrt.io.files import PICTURE_BYTES, check_size
 from jaxrt.io.layers import layer_in
 
 Pixels = NDArray[np.float32]
+Curve = Callable[[NDArray[np.float64]], NDArray[np.floating]]  # from display values to linear ones
 
 PNG_START = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"
 EXR_START = b"\x76\x2f\x31\x01"
 
 
-def decode_png(path: Path, data: bytes, srgb: bool) -> Pixels:
-    """Return the (H, W, 3) linear picture in the PNG file `data`, of 8 or 16 bits."""
+def decode_png(path: Path, data: bytes, curve: Curve) -> Pixels:
+    """Return the (H, W, 3) linear picture in the PNG file `data`, of 8 or 16 bits. curve: from its display values."""
     from PIL.PngImagePlugin import PngImageFile
 
     if not data.startswith(PNG_START):
@@ -36,9 +36,19 @@ def decode_png(path: Path, data: bytes, srgb: bool) -> Pixels:
         grey = picture.mode.startswith("I")
         levels = np.asarray(picture if grey else picture.convert("RGB"))
     shades = np.arange(65536) / 65535 if grey else np.arange(256) / 255
-    table = (color.srgb_decode(shades) if srgb else color.gamma_decode(shades)).astype(np.float32)
-    picked = table[levels]
+    picked = curve(shades).astype(np.float32)[levels]
     return np.repeat(picked[..., None], 3, axis=-1) if grey else picked
+
+
+def decode_jpg(path: Path, data: bytes, curve: Curve) -> Pixels:
+    """Return the (H, W, 3) linear picture in the JPG file `data`. curve: from its display values."""
+    from PIL.JpegImagePlugin import JpegImageFile
+
+    with JpegImageFile(io.BytesIO(data)) as picture:
+        check_size(path, picture.width * picture.height * 12, PICTURE_BYTES, "decodes to")
+        levels = np.asarray(picture.convert("RGB"))
+    picked: Pixels = curve(np.arange(256) / 255).astype(np.float32)[levels]
+    return picked
 
 
 def _check_chunks(data: bytes) -> None:

@@ -111,7 +111,7 @@ def load_image(path: StrPath, srgb: bool = False, layer: str | None = None) -> P
             return decode_exr(path, data, layer)
         if layer is not None:
             raise ValueError("a PNG has no layers")
-        pixels = decode_png(path, data, srgb)
+        pixels = decode_png(path, data, color.srgb_decode if srgb else color.gamma_decode)
     except (SceneError, MemoryError):
         raise
     except Exception as error:  # whatever a decoder trips over in a broken file

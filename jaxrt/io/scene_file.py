@@ -11,6 +11,7 @@ from jaxrt.description import SceneDescription, SceneError, parse_description, s
 from jaxrt.io.files import SCENE_BYTES, StrPath, read_bytes
 from jaxrt.io.folders import Folders, folders_of, named_file
 from jaxrt.io.meshes import SUFFIXES, read_mesh
+from jaxrt.io.textures import with_textures
 
 DEEPEST = 64  # parts of a dotted key; what tomllib does with more grows with their square
 # Each part ends for good where it ends, so that the search looks at each character a bounded number of times
@@ -19,7 +20,7 @@ _DOTTED = re.compile(rf"(?<![\w-])(?:{_PART}\.[ \t]*+){{{DEEPEST}}}")
 
 
 def read_description(path: StrPath, allow_folders: Folders = ()) -> SceneDescription:
-    """Return the validated description in the TOML file at `path`, with the meshes that it names.
+    """Return the validated description in the TOML file at `path`, with the meshes and pictures it names.
 
     What these leave out of their files is carried along, and told by `build`.
     allow_folders: where meshes may lie besides the folder above the file's and all below that.
@@ -34,7 +35,9 @@ def read_description(path: StrPath, allow_folders: Folders = ()) -> SceneDescrip
         raise SceneError(f"{source}: not valid TOML: nested too deeply: flatten it") from None
     except ValueError as error:
         raise SceneError(_describe_syntax(source, str(error))) from None
-    return parse_description(_with_mesh_files(mapping, Path(path), folders_of(allow_folders)), source)
+    folders = folders_of(allow_folders)
+    mapping = with_textures(_with_mesh_files(mapping, Path(path), folders), Path(path), folders)
+    return parse_description(mapping, source)
 
 
 def read_text(path: Path) -> str:

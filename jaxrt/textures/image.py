@@ -12,8 +12,8 @@ def taps(uv: Array, size: tuple[Array, Array], clamp: Array) -> tuple[Array, Arr
     """
     height, width = size
     within = jnp.where(clamp, jnp.clip(uv, 0, 1), uv - lax.stop_gradient(jnp.floor(uv)))
-    columns, across = _two(within[0] * width, width, clamp)
-    lines, down = _two((1 - within[1]) * height, height, clamp)
+    columns, across = _two(within[0] * width.astype(uv.dtype), width, clamp)
+    lines, down = _two((1 - within[1]) * height.astype(uv.dtype), height, clamp)
     rows = lines[:, None] * width + columns[None]
     return rows.ravel(), (down[:, None] * across[None]).ravel()
 

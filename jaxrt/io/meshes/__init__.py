@@ -24,6 +24,7 @@ PACKED = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"BZh": "bzip2", b"\xfd7zXZ
 def load_mesh(path: str | PathLike[str], materials: bool = True, allow_folders: Folders = ()) -> dict[str, Any]:
     """Return the mesh in a file as a table of `[[meshes]]`: `file`, `vertices` (v, 3) float64, `faces` (n, 3) int64.
 
+    And `uv` (k, 2), `face_uv` (n, 3) and `colors` (v, 3), linear, where the file has places on textures and colours.
     Vertices keep the order of the file; those of an STL file that share a place become one. An OBJ file that uses the
     materials of an MTL file also gives `materials`, each named `file:name`, and `face_materials` (n,).
     materials: False leaves the MTL file alone. allow_folders: folders besides the file's own, and those below it, from
@@ -55,7 +56,7 @@ def read_mesh(path: str | PathLike[str], materials: bool, allow_folders: Folders
     except MemoryError:
         raise SceneError(f"{source}: does not fit into memory: make it smaller") from None
     notes = mesh.notes + more.pop("notes", [])
-    table = {"file": source, "vertices": mesh.vertices, "faces": mesh.faces} | more
+    table = {"file": source, **mesh.table} | more
     return table | ({"notes": "; ".join(notes)} if notes else {})
 
 

@@ -15,7 +15,7 @@ from jaxrt.io.files import read_bytes
 from jaxrt.io.folders import Folders, named_file
 
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTHS = {"SCALAR": 1, "VEC3": 3}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _LARGEST = 2**24  # rows of an accessor without bytes of its own
 
 Table = dict[str, Any]
@@ -79,6 +79,17 @@ class Accessors:
         if not self.has_data(number):
             raise Broken(f"accessors[{number}]: has no data: save it without compression")
         return self._array(number, "VEC3").astype(np.float64)
+
+    def shares(self, number: Any, *kinds: str) -> Floats:
+        """Return rows (v, n) of numbers, those that are whole as what they stand for. kinds: such as "VEC2"."""
+        accessor = item(self.document, "accessors", number)
+        kind = accessor.get("type")
+        if accessor.get("componentType") not in (5121, 5123, 5126):
+            raise Broken(f"accessors[{number}]: must be floats, or normalized unsigned numbers: save it again")
+        array = self._array(number, kind if kind in kinds else kinds[0]).astype(np.float64)
+        if not np.isfinite(array).all():
+            raise Broken(f"accessors[{number}]: has numbers that are not finite: save it again")
+        return array
 
     def indices(self, number: Any) -> Ints:
         """Return corners (t,)."""

@@ -5,6 +5,8 @@ mesh is then another, without a word.
 """
 
 import json
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +37,7 @@ _READ = frozenset(["KHR_mesh_quantization"])
 _INSTANCES = "EXT_mesh_gpu_instancing"
 _PACKED = frozenset(["KHR_draco_mesh_compression"])
 _TRIANGLES = frozenset([4, 5, 6])
+Look = Floats | int  # rows of vertices, or how many have none
 
 
 def read_glb(data: bytes, path: Path, allow_folders: Folders) -> Mesh:
@@ -85,7 +88,7 @@ class _Reader:
 
     def read(self) -> Mesh:
         self._check_extensions()
-        parts, first = [], 0
+        parts, looks, first = [], [], 0
         for node, matrix in drawn_nodes(self.document, self._say):
             number = node.get("mesh")
             if number is None:
@@ -95,13 +98,17 @@ class _Reader:
             for i, primitive in enumerate(rows(mesh, "primitives")):
                 part = self._primitive(primitive, f"meshes[{number}].primitives[{i}]")
                 if part is not None:
+                    looks.append(self._looks(primitive, len(part[0]), f"meshes[{number}].primitives[{i}]"))
                     parts.append(_placed(*part, matrix, first))
                     first += len(part[0])
         if not sum(len(faces) for _, faces in parts):
             raise no_faces(self.source)
         vertices, faces = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         check_vertices(self.source, vertices, lambda i: f"vertex {i}")
-        return Mesh(vertices, faces, list(self.said))
+        uv, colors = (_joined(column) for column in zip(*looks, strict=True))
+        if uv is not None:
+            uv = np.stack([uv[:, 0], 1 - uv[:, 1]], -1)  # glTF counts from the top
+        return Mesh(vertices, faces, list(self.said), uv, colors=colors)
 
     def _say(self, note: str) -> None:
         self.said[note] = None
@@ -136,10 +143,8 @@ class _Reader:
         packed = _PACKED.intersection(extensions_of(primitive))
         if packed and not self.accessors.has_data(attributes["POSITION"]):
             raise Broken(f"{place}: needs the extension {show(min(packed))}, which is not read: save it without")
-        if any(name.startswith("COLOR_") for name in attributes):
-            self._say("vertex colours are not read")
         if "material" in primitive:
-            self._say("materials and textures are not read")
+            self._say("materials and textures are not read: name them in the scene file")
         vertices = self.accessors.positions(attributes["POSITION"])
         if "indices" in primitive:
             corners = self.accessors.indices(primitive["indices"])
@@ -152,6 +157,22 @@ class _Reader:
             raise Broken(f"{place}: face {wrong[0]}: vertex {beyond} does not exist: use 0 to {len(vertices) - 1}")
         return vertices, faces
 
+    def _looks(self, primitive: dict[str, Any], count: int, place: str) -> tuple[Look, Look]:
+        """Return places on textures (v, 2) and linear colours (v, 3); of a primitive without, how many there are."""
+        attributes = primitive["attributes"]
+        found: list[Look] = [count, count]
+        for i, (name, kinds) in enumerate((("TEXCOORD_0", ("VEC2",)), ("COLOR_0", ("VEC3", "VEC4")))):
+            if name in attributes:
+                found[i] = values = self.accessors.shares(attributes[name], *kinds)[:, :3]
+                if len(values) != count:
+                    raise Broken(f"{place}: {name} has {len(values)} rows for {count} vertices: save it again")
+        if isinstance(found[1], np.ndarray):
+            found[1] = np.clip(found[1], 0, 1)
+        more = sorted(name for name in attributes if re.fullmatch(r"(TEXCOORD|COLOR)_[1-9]\d*", name))
+        if more:
+            self._say(f"{', '.join(more)[:60]} are not read")
+        return found[0], found[1]
+
     def _triangles(self, corners: Ints, mode: int) -> Ints:
         if mode == 5:
             return strip_triangles(Polygons(corners, np.array([len(corners)])))
@@ -160,6 +181,14 @@ class _Reader:
         if len(corners) % 3:
             self._say(f"{len(corners) % 3} corners after the last whole triangle are left out")
         return corners[: len(corners) // 3 * 3].reshape(-1, 3)
+
+
+def _joined(column: Sequence[Look]) -> Floats | None:
+    """Return the rows of all primitives, ones for those that have none; None where none has any."""
+    widths = [values.shape[1] for values in column if isinstance(values, np.ndarray)]
+    if not widths:
+        return None
+    return np.concatenate([x if isinstance(x, np.ndarray) else np.ones((x, widths[0])) for x in column])
 
 
 def _placed(vertices: Floats, faces: Ints, matrix: Floats, first: int) -> tuple[Floats, Ints]:

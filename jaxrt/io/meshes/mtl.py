@@ -1,4 +1,4 @@
-"""MTL files beside OBJ files: `Kd` becomes a diffuse material; what else they say is told, not drawn."""
+"""MTL files beside OBJ files: `Kd`, with `map_Kd`, becomes a diffuse material; what else they say is told."""
 
 import difflib
 import os
@@ -10,8 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxrt.description import SceneError, nearest, show
+from jaxrt.description.textures import name_of_picture
 from jaxrt.io.files import SCENE_BYTES, read_bytes
-from jaxrt.io.folders import Folders, named_file
+from jaxrt.io.folders import Folders, folders_of, named_file
+from jaxrt.io.meshes.maps import read_map
 from jaxrt.io.meshes.obj import Library, Obj, Use
 from jaxrt.io.meshes.text import BadRow, decode, floats, number_hint
 
@@ -32,7 +34,10 @@ class Paint(NamedTuple):
 
 
 def materials_of(obj: Obj, path: Path, allow_folders: Folders) -> dict[str, Any]:
-    """Return `materials`, `face_materials` (n,) and notes of an OBJ file. Raises SceneError for what is missing."""
+    """Return `materials`, `textures`, `face_materials` (n,) and notes of an OBJ file.
+
+    Raises SceneError for what is missing.
+    """
     if not obj.uses:
         return {}
     if not obj.libraries:
@@ -51,23 +56,69 @@ def materials_of(obj: Obj, path: Path, allow_folders: Folders) -> dict[str, Any]
     row_of_name = {name: row for row, name in enumerate(by_name)}
     row_of_use = np.zeros(len(obj.uses), np.int64)
     row_of_use[used] = [row_of_name[paint.name] for paint in found]
-    materials = {
-        f"{path.name}:{name}": {"type": "diffuse", "albedo": _albedo(paint)} for name, paint in by_name.items()
-    }
-    notes += _unread(list(by_name.values()))
-    return {"materials": materials, "face_materials": row_of_use[use_of_face], "notes": notes}
+    palette = _Palette(obj, path, allow_folders)
+    materials = {f"{path.name}:{name}": {"type": "diffuse", "albedo": palette.albedo(p)} for name, p in by_name.items()}
+    notes += [*palette.notes, *_unread(list(by_name.values()))]
+    told = {"materials": materials, "face_materials": row_of_use[use_of_face], "notes": notes}
+    return told | ({"textures": palette.textures} if palette.textures else {})
+
+
+class _Palette:
+    """The albedos of materials, and the textures that these name."""
+
+    def __init__(self, obj: Obj, path: Path, allow_folders: Folders):
+        self.obj, self.path = obj, path
+        self.allow_folders = (path.parent, *folders_of(allow_folders))
+        self.textures: dict[str, dict[str, Any]] = {}
+        self.names: dict[tuple[Path, str], str | None] = {}  # of textures, by MTL file and what this says
+        self.notes: list[str] = []
+
+    def albedo(self, paint: Paint) -> Any:
+        """Return what stands in a scene file as the albedo of a material."""
+        name = self._texture(paint) if "map_kd" in paint.values else None
+        if "kd" not in paint.values and name is None:
+            raise SceneError(
+                f"{paint.file}: material {show(paint.name)} has no Kd, and no texture that is read: add it, or "
+                f"{OVERRIDE}"
+            )
+        factor = _albedo(paint) if "kd" in paint.values else [1.0, 1.0, 1.0]
+        return factor if name is None else {"texture": name, "factor": factor}
+
+    def _texture(self, paint: Paint) -> str | None:
+        """Return the name of a material's texture, None where it has none that is read."""
+        text = paint.values["map_kd"]
+        if self.obj.mesh.uv is None:
+            self._note(paint, "map_Kd is left out, since the mesh has no places on textures (vt)")
+            return None
+        key = paint.file, text
+        if key not in self.names:
+            table, notes = read_map(text, paint.file, self.allow_folders)
+            for note in notes:
+                self._note(paint, note)
+            self.names[key] = None if table is None else self._add(table)
+        return self.names[key]
+
+    def _add(self, table: dict[str, Any]) -> str:
+        """Return the name of a new texture, after both files: other meshes may have other pictures of that name."""
+        name = f"{name_of_picture(self.path.name)}_{name_of_picture(table['file'])}"
+        while name in self.textures:
+            name += "_"
+        self.textures[name] = table
+        return name
+
+    def _note(self, paint: Paint, note: str) -> None:
+        self.notes.append(f"material {show(paint.name)}: {note}")
 
 
 def _find(use: Use, paints: dict[str, Paint], obj: Obj, path: Path) -> Paint:
     """Return what a usemtl names, with or without what may be a comment behind it."""
     paint = paints.get(use.name) or paints.get(_bare(use.name))
-    if paint is None or "kd" not in paint.values:
+    if paint is None or not {"kd", "map_kd"} & paint.values.keys():
         libraries = ", ".join(library.names for library in obj.libraries)[:LONGEST]
         libraries = libraries if libraries.isprintable() else show(libraries)
-        texture = ", but a texture, which is not read" if paint and "map_kd" in paint.values else ""
         raise SceneError(
             f"{path}: line {use.line}: {libraries} has no Kd for material {show(_bare(use.name))}"
-            f"{texture or _like(_bare(use.name), [n for n, other in paints.items() if 'kd' in other.values])}: "
+            f"{_like(_bare(use.name), [n for n, other in paints.items() if 'kd' in other.values])}: "
             f"add it, or {OVERRIDE}"
         )
     return paint
@@ -151,19 +202,20 @@ def _albedo(paint: Paint) -> list[float]:
 
 
 def _unread(paints: list[Paint]) -> Iterator[str]:
-    """Tell in one line what materials ask for besides Kd."""
+    """Tell in one line what materials ask for besides Kd and map_Kd."""
     asked = {word: [p.name for p in paints if word in _asks(p.values)] for word in _WORDS}
     parts = [f"{word} ({', '.join(map(show, names[:3]))})" for word, names in asked.items() if names]
     if parts:
-        yield f"of the materials only Kd is read, not {', '.join(parts)}"
+        yield f"of the materials only Kd and map_Kd are read, not {', '.join(parts)}"
 
 
-_WORDS = ("textures", "Ke", "d", "Tr", "Ni", "illum")
+_WORDS = ("other textures", "Ke", "d", "Tr", "Ni", "illum")
 
 
 def _asks(values: dict[str, str]) -> set[str]:
     """Return what changes the look of a material. Ni counts where light is said to pass, or where nothing is said."""
-    asks = {"textures"} if any(key.startswith(("map_", "bump", "disp", "decal", "refl")) for key in values) else set()
+    maps = ("map_", "bump", "disp", "decal", "refl")
+    asks = {"other textures"} if any(key.startswith(maps) and key != "map_kd" for key in values) else set()
     model = _number(values.get("illum"), 2)
     if any(_number(word, 0) > 0 for word in values.get("ke", "").split()):
         asks.add("Ke")

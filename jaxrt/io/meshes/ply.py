@@ -12,14 +12,17 @@ from numpy.typing import NDArray
 
 from jaxrt.description import SceneError, show
 from jaxrt.description.mesh_facts import Floats, Ints
+from jaxrt.io.meshes.colors import vertex_colors
 from jaxrt.io.meshes.ply_head import Element, Head, Property, read_head
 from jaxrt.io.meshes.polygons import Polygons
-from jaxrt.io.meshes.soundness import Mesh, check_polygons, check_vertices, cut, left_over, no_faces
+from jaxrt.io.meshes.soundness import Mesh, check_polygons, check_vertices, cut_corners, left_over, no_faces
 from jaxrt.io.meshes.strips import strip_triangles
 from jaxrt.io.meshes.text import BadRow, decode, floats, number_hint, numbers
 
 _LISTS = ("vertex_indices", "vertex_index")
-_COLOURS = ("red", "diffuse_red", "r", "green", "blue")
+_COLOURS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
+_FACE_COLOURS = ("red", "diffuse_red", "r", "green", "blue")
+_PLACES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 
 Numbers = NDArray[np.float64]
 
@@ -44,16 +47,42 @@ def read_ply(data: bytes, source: str) -> Mesh:
     if rest:
         notes.append(rest)
     vertices = _vertices(columns.get("vertex", {}), source)
-    faces, crossed = _faces(head, columns, vertices, source)
-    return Mesh(vertices, faces, notes + crossed)
+    faces, corner_uv, crossed = _faces(head, columns, vertices, source)
+    uv, untold = _uv(columns.get("vertex", {})) if corner_uv is None else (corner_uv, [])
+    face_uv = None if corner_uv is None else np.arange(faces.size).reshape(-1, 3)
+    colors, pale = _colors(head, columns.get("vertex", {}))
+    return Mesh(vertices, faces, [*notes, *crossed, *untold, *pale], uv, face_uv, colors)
 
 
 def _notes(head: Head) -> Iterator[str]:
-    for name in ("vertex", "face"):
-        if any(e.name == name and e.number and e.find(*_COLOURS) for e in head.elements):
-            yield f"{name} colours are not read"
+    if any(e.name == "face" and e.number and e.find(*_FACE_COLOURS) for e in head.elements):
+        yield "face colours are not read"
     if head.textures:
-        yield "textures are not read"
+        yield "textures are not read: name them in the scene file"
+
+
+def _uv(columns: Columns) -> tuple[Numbers | None, list[str]]:
+    """Return places on textures (v, 2), and what is wrong with them."""
+    for names in _PLACES:
+        parts = [columns.get(name) for name in names]
+        if all(isinstance(part, np.ndarray) for part in parts):
+            uv = np.stack([np.asarray(part, np.float64) for part in parts], -1)
+            if np.isfinite(uv).all():
+                return uv, []
+            return None, ["places on textures are not finite, and are not read"]
+    return None, []
+
+
+def _colors(head: Head, columns: Columns) -> tuple[Numbers | None, list[str]]:
+    """Return linear colours (v, 3) of vertices, and what is wrong with them."""
+    for names in _COLOURS:
+        parts = [columns.get(name) for name in names]
+        if all(isinstance(part, np.ndarray) for part in parts):
+            (vertex,) = (element for element in head.elements if element.name == "vertex")
+            kind = next(p.kind for p in vertex.properties if p.name == names[0])
+            largest = None if kind.startswith("f") else float(np.iinfo(kind).max)
+            return vertex_colors(np.stack([np.asarray(part, np.float64) for part in parts], -1), largest)
+    return None, []
 
 
 def _vertices(columns: Columns, source: str) -> Floats:
@@ -68,16 +97,24 @@ def _vertices(columns: Columns, source: str) -> Floats:
     return vertices
 
 
-def _faces(head: Head, columns: dict[str, Columns], vertices: Floats, source: str) -> tuple[Ints, list[str]]:
-    """Return the triangles of faces, then those of strips, and what was done to crossed polygons."""
-    found = [np.zeros((0, 3), np.int64)]
+def _faces(
+    head: Head, columns: dict[str, Columns], vertices: Floats, source: str
+) -> tuple[Ints, Floats | None, list[str]]:
+    """Return the triangles of faces, then those of strips; places on textures (3n, 2) of their corners, if faces tell.
+
+    Third, what was done to crossed polygons, and what is not read.
+    """
+    found, uv = [np.zeros((0, 3), np.int64)], None
     notes: list[str] = []
     for element in head.elements:
         if element.name == "face" and element.number:
             polygons = _whole(columns["face"][_corners_of(element, source).name], source)
             check_polygons(source, polygons, len(vertices), _face)
-            triangles, _, notes = cut(vertices, polygons, _face)
-            found.append(triangles)
+            corners, _, notes = cut_corners(vertices, polygons, _face)
+            found.append(polygons.corners[corners])
+            places, untold = _corner_places(columns["face"].get("texcoord"), polygons)
+            uv = None if places is None else places[corners.ravel()]
+            notes += untold
         elif element.name == "tristrips" and element.number:
             strips = _whole(columns["tristrips"][_corners_of(element, source).name], source)
             triangles = strip_triangles(strips)
@@ -86,7 +123,18 @@ def _faces(head: Head, columns: dict[str, Columns], vertices: Floats, source: st
     faces = np.concatenate(found)
     if not len(faces):
         raise no_faces(source)
-    return faces, notes
+    if uv is not None and 3 * len(faces) != len(uv):
+        uv, notes = None, [*notes, "places on textures of faces are not read, since strips have none"]
+    return faces, uv, notes
+
+
+def _corner_places(lists: Numbers | Lists | None, polygons: Polygons) -> tuple[Floats | None, list[str]]:
+    """Return the places on textures (t, 2) of polygons' corners, and what is wrong with them."""
+    if not isinstance(lists, Lists):
+        return None, []
+    if (lists.sizes != 2 * polygons.sizes).any() or not np.isfinite(lists.values).all():
+        return None, ["places on textures of faces (texcoord) are not two numbers a corner, and are not read"]
+    return lists.values.reshape(-1, 2), []
 
 
 def _face(i: int) -> str:

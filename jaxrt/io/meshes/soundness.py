@@ -1,7 +1,7 @@
 """What every kind of mesh file is asked: vertices that are numbers, corners that exist, polygons cut to triangles."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,15 @@ class Mesh(NamedTuple):
     vertices: Floats  # (v, 3)
     faces: Ints  # (n, 3)
     notes: list[str]  # what the file holds and the mesh does not
+    uv: Floats | None = None  # (k, 2)
+    face_uv: Ints | None = None  # (n, 3) rows of `uv`; None: those of the vertices
+    colors: Floats | None = None  # (v, 3) linear, in [0, 1]
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """What there is, as a table of the scene file."""
+        parts = {"vertices": self.vertices, "faces": self.faces, "uv": self.uv, "face_uv": self.face_uv}
+        return {key: value for key, value in (parts | {"colors": self.colors}).items() if value is not None}
 
 
 def left_over(count: int, where: str) -> str:
@@ -54,6 +63,15 @@ def check_polygons(source: str, polygons: Polygons, count: int, place: Place) ->
         known = f"use 0 to {count - 1}" if count else "the file has no vertices"
         trouble = f"vertex {polygons.corners[wrong[0]]} does not exist: {known}"
         raise SceneError(f"{source}: {place(polygons.owner(int(wrong[0])))}: {trouble}")
+
+
+def cut_corners(vertices: Floats, polygons: Polygons, place: Place) -> tuple[Ints, Ints, list[str]]:
+    """Return what `cut` does, but the corners (n, 3) as numbers in `polygons.corners`.
+
+    A vertex may be at several places of a texture, so that its number does not tell which.
+    """
+    apart = Polygons(np.arange(len(polygons.corners)), polygons.sizes)
+    return cut(vertices[polygons.corners], apart, place)
 
 
 def cut(vertices: Floats, polygons: Polygons, place: Place) -> tuple[Ints, Ints, list[str]]:

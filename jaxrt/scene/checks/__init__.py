@@ -5,7 +5,14 @@ from jaxrt.scene.checks.common import bodies_of
 from jaxrt.scene.checks.coplanar import coincident_faces
 from jaxrt.scene.checks.glass import crossing_glass, point_light_and_glass, unsound_glass
 from jaxrt.scene.checks.lights import dark, near_point_lights, walled_in, walled_in_meshes
-from jaxrt.scene.checks.view import dropped_faces, left_out, narrow_view, unused_groups, unused_materials
+from jaxrt.scene.checks.view import (
+    dropped_faces,
+    left_out,
+    narrow_view,
+    unused_groups,
+    unused_materials,
+    unused_textures,
+)
 from jaxrt.scene.memory import check_memory
 
 __all__ = ["check_memory", "warnings_of"]
@@ -20,6 +27,7 @@ def warnings_of(description: SceneDescription) -> list[str]:
         *dark(description),
         *narrow_view(description, bodies),
         *unused_materials(description),
+        *unused_textures(description),
         *walled_in(description),
         *walled_in_meshes(description, bodies),
         *left_out(description),

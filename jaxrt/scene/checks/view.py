@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from jaxrt.description import SceneDescription, show
+from jaxrt.description.textures import painted_fields
 from jaxrt.scene.checks.common import Body
 
 
@@ -55,7 +56,26 @@ def dropped_faces(bodies: Sequence[Body]) -> Iterator[str]:
 
 
 def left_out(scene: SceneDescription) -> Iterator[str]:
-    """Tell what mesh files hold that is not read, and what was mended."""
+    """Tell what mesh files and pictures hold that is not used, and what was mended."""
     for i, mesh in enumerate(scene.meshes):
         if mesh.notes:
             yield f"meshes[{i}] ({mesh.file}): {mesh.notes}"
+        if mesh.colors is not None and mesh.file is not None and not _asks_for_colors(scene, mesh.names):
+            text = 'vertex colours are not used: paint its material with a texture of type = "vertex_colors"'
+            yield f"meshes[{i}] ({mesh.file}): {text}"
+    for name, texture in scene.textures.items():
+        if getattr(texture, "notes", None):
+            yield f"textures.{name} ({texture.file}): {texture.notes}"
+
+
+def _asks_for_colors(scene: SceneDescription, materials: Sequence[str]) -> bool:
+    painted = (texture for name in materials for _, texture in painted_fields(scene.materials[name]))
+    return any(scene.textures[texture].type == "vertex_colors" for texture in painted)
+
+
+def unused_textures(scene: SceneDescription) -> Iterator[str]:
+    """Find textures that no material is painted with."""
+    used = {texture for material in scene.materials.values() for _, texture in painted_fields(material)}
+    for name in scene.textures:
+        if name not in used:
+            yield f"textures: {show(name)} is used by nothing: write albedo = {show(name)} in a material, or remove it"
