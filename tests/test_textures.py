@@ -326,3 +326,76 @@ def test_ply_places_of_faces(tmp_path):
     mesh = jaxrt.load_mesh(tmp_path / "a.ply")
     flipped = mesh["vertices"][mesh["faces"]][..., :2] * np.asarray([-1, 1]) + np.asarray([1, 0])
     np.testing.assert_allclose(mesh["uv"][mesh["face_uv"]], flipped)
+
+
+# Derivatives
+
+KINDS = {
+    "wood": {"texels": WOOD},
+    "one": {"texels": [[[0.3, 0.5, 0.7]]]},
+    "tiles": {"type": "checker"},
+    "paint": {"type": "vertex_colors"},
+}
+
+
+@pytest.fixture(scope="module")
+def corner():
+    """A floor, a wall and balls that light one another, each with another sort of texture."""
+    wall = {"vertices": [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1]], "faces": SQUARE["faces"]}
+    floor = {"vertices": [[-1, -1, 1], [1, -1, 1], [1, -1, -1], [-1, -1, -1]], "faces": SQUARE["faces"]}
+    return jaxrt.build(
+        {
+            "camera": {"position": [0, 0.3, 4], "fov": 35, "width": 8, "height": 8},
+            "textures": KINDS,
+            "materials": {
+                "floor": {"type": "diffuse", "albedo": "wood"},
+                "wall": {"type": "diffuse", "albedo": "paint"},
+                "ball": {"type": "diffuse", "albedo": "tiles"},
+                "plain": {"type": "diffuse", "albedo": "one"},
+            },
+            "meshes": [
+                wall | {"colors": RNG.uniform(size=(4, 3)), "material": "wall"},
+                floor | {"uv": [*UV, [0.3, 0.4]], "face_uv": [[0, 1, 2], [4, 2, 3]], "material": "floor"},
+            ],
+            "spheres": [
+                {"center": [-0.4, -0.6, 0], "radius": 0.4, "material": "ball"},
+                {"center": [0.5, -0.65, 0.2], "radius": 0.3, "material": "plain"},
+            ],
+            "lights": [{"position": [0.5, 2, 3], "intensity": [20, 20, 20]}],
+        }
+    )
+
+
+@pytest.mark.usefixtures("quick_compilation")
+def test_texel_gradients_are_those_of_finite_differences(corner):
+    """Of every sort, of one texel alone, over a seam, beside another parameter."""
+    names = [*(f"textures.{name}" for name in KINDS), "materials.albedo"]
+    values = {name: jaxrt.parameters(corner)[name] for name in names}
+    weight = jnp.asarray(RNG.uniform(0.5, 1.5, (8, 8, 3)), jnp.float32)
+
+    @jax.jit
+    def total(values):
+        built = jaxrt.with_parameters(corner, values)
+        return jnp.sum(weight * jaxrt.render(built, 3, spp=4, max_depth=2))
+
+    gradient = jax.jit(jax.grad(total))(values)
+    for name in names:
+        way = RNG.normal(size=values[name].shape)
+        sides = [total(values | {name: values[name] + side * 0.02 * way.astype(np.float32)}) for side in (1, -1)]
+        difference = (float(sides[0]) - float(sides[1])) / 0.04
+        assert np.sum(np.asarray(gradient[name], float) * way) == pytest.approx(difference, rel=2e-3, abs=1e-3), name
+    # The slope in a factor is that in all texels together, weighed by them: both scale the same light
+    of_texels = jnp.sum(gradient["textures.wood"] * values["textures.wood"], (0, 1))
+    np.testing.assert_allclose(gradient["materials.albedo"][0], of_texels, rtol=1e-4)
+
+
+def test_marks_add_up_rows_past_what_float32_counts():
+    from jaxrt.textures.recording import add_marks, read
+
+    texels, rows = jnp.zeros((9000, 3)), jnp.asarray([8999, 3, 4096, 3], jnp.int32)
+    weights, change = jnp.asarray([0.1, 0.2, 0.3, 0.4]), jnp.asarray([1.0, 2.0, 3.0])
+    (mark,) = jax.vjp(lambda mark: read(texels, rows, weights, mark), jnp.zeros(15))[1](change)
+    sums = jax.jit(add_marks)(jnp.zeros((9000, 6)), mark[None])
+    wanted = np.zeros((9000, 3))
+    np.add.at(wanted, np.asarray(rows), np.outer(weights, change))
+    np.testing.assert_allclose(sums[:, :3], wanted, rtol=1e-6)

@@ -19,6 +19,7 @@ from jaxrt.core.records import SurfacePoint
 from jaxrt.description.kinds import MATERIALS
 from jaxrt.kernels.gather import take
 from jaxrt.textures import Textures, painted
+from jaxrt.textures.recording import WIDTH
 
 __all__ = ["Materials", "Scattering", "albedo_of", "evaluate", "scatter", "single"]
 
@@ -152,7 +153,7 @@ def evaluate(materials: Materials, surface: SurfacePoint, wo: Array, wi: Array) 
     for kind, end in zip(materials.kinds, accumulate(materials.counts), strict=True):
         if not (kind.is_delta or kind.is_lambertian):
             here = _within(surface.material, first, end)
-            found = _row(materials, kind, surface, first, end).evaluate(surface, wo, wi)
+            found = _row(materials, kind, surface, first, end, again=True).evaluate(surface, wo, wi)
             value, pdf = jnp.where(here, found[0], value), jnp.where(here, lax.stop_gradient(found[1]), pdf)
         first = end
     return value, pdf
@@ -169,14 +170,26 @@ def albedo_of(materials: Materials, surface: SurfacePoint) -> Array:
     return albedo
 
 
-def _row(materials: Materials, kind: Any, surface: SurfacePoint, first: int, end: int) -> Any:
+def _row(materials: Materials, kind: Any, surface: SurfacePoint, first: int, end: int, again: bool = False) -> Any:
     """Return the kind's one material that a surface has, or any of its own where the surface's is of another kind."""
     row = surface.material
     i = jnp.clip(row - first if first else row, 0, end - first - 1)
     one = jax.tree.map(lambda leaf: take(leaf, i), kind)
     if materials.textures is None:
         return one
-    return painted(materials.textures, kind.kind.name, one, i, surface.chart)
+    return painted(materials.textures, kind.kind.name, one, i, surface.chart, again)
+
+
+def marks_of(materials: Materials, lookups: int) -> tuple[int, int, int]:
+    """Return the shape of the marks that textures want for so many surfaces one after the other."""
+    return lookups, (2 if materials.are_glossy else 1) * len(materials.textures.slots), WIDTH
+
+
+def with_marks(materials: Materials, marks: Array | None) -> Materials:
+    """Return the materials whose textures record what is read of them, each lookup by one of the marks (slots, 15)."""
+    if marks is None:
+        return materials
+    return replace(materials, textures=replace(materials.textures, marks=marks))  # type: ignore[type-var]
 
 
 def single(materials: Materials, surface: SurfacePoint) -> tuple[Materials, Array]:

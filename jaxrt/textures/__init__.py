@@ -15,6 +15,7 @@ from jaxrt.core.pytree import pytree, static
 from jaxrt.core.records import Chart
 from jaxrt.kernels.gather import take
 from jaxrt.textures import checker, image
+from jaxrt.textures.recording import read
 
 SORTS = ("image", "checker", "vertex_colors")
 
@@ -40,6 +41,12 @@ class Textures:
     shapes: tuple[tuple[int, ...], ...] = static()  # of each texture's rows
     sorts: tuple[str, ...] = static()  # those that there are
     names: tuple[str, ...] = static()  # for parameters alone
+    marks: Array | None = None  # (slots, 15) zeros, by whose derivative a lookup tells what it read; see `recording`
+
+    @property
+    def slots(self) -> list[tuple[str, str]]:
+        """Kind and field of each lookup that a surface may take."""
+        return [(kind, field) for kind in sorted(self.maps) for field in sorted(self.maps[kind])]
 
     def named(self) -> dict[str, Array]:
         """Return the texels of each texture by its name: images (h, w, 3), checkers (2, 3), vertices (v, 3)."""
@@ -53,20 +60,26 @@ class Textures:
         return replace(self, texels=texels[0] if len(texels) == 1 else jnp.concatenate(texels))
 
 
-def painted(textures: Textures, kind: str, one: Any, row: Array, chart: Chart | None) -> Any:
+def painted(textures: Textures, kind: str, one: Any, row: Array, chart: Chart | None, again: bool = False) -> Any:
     """Return one material of a kind with its fields multiplied by their textures.
 
     row: () int32 of the material among those of its kind. A single number is multiplied by the channels' mean.
+    again: whether this is the second lookup at a point.
     """
     new = {}
     for field, numbers in textures.maps.get(kind, {}).items():
-        value, color = getattr(one, field), color_at(textures, take(numbers, row), chart)
+        slot = textures.slots.index((kind, field)) + (len(textures.slots) if again else 0)
+        mark = None if textures.marks is None else textures.marks[slot]
+        value, color = getattr(one, field), color_at(textures, take(numbers, row), chart, mark)
         new[field] = value * (color if value.ndim else jnp.mean(color))
     return replace(one, **new)
 
 
-def color_at(textures: Textures, number: Array, chart: Chart | None) -> Array:
-    """Return the colour (3,) of a texture at a place of a surface: white of texture −1, and where it has no place."""
+def color_at(textures: Textures, number: Array, chart: Chart | None, mark: Array | None = None) -> Array:
+    """Return the colour (3,) of a texture at a place of a surface: white of texture −1, and where it has no place.
+
+    mark: (15,) as in `recording.read`.
+    """
     chart = chart or Chart()
     layout, own = textures.layout, jnp.maximum(number, 0)
     rows, weights = jnp.zeros(4, jnp.int32), jnp.zeros(4, textures.texels.dtype)
@@ -81,8 +94,9 @@ def color_at(textures: Textures, number: Array, chart: Chart | None) -> Array:
             rows, weights = found
         else:
             rows, weights = (jnp.where(here, a, b) for a, b in zip(found, (rows, weights), strict=True))
-    colors = take(textures.texels, take(layout.first, own) + rows)
-    return jnp.where(white, 1, weights @ colors)
+    rows = take(layout.first, own) + rows
+    color = weights @ take(textures.texels, rows) if mark is None else read(textures.texels, rows, weights, mark)
+    return jnp.where(white, 1, color)
 
 
 def _taps(sort: str, layout: Layout, number: Array, chart: Chart) -> tuple[Array, Array] | None:

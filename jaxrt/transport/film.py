@@ -16,7 +16,7 @@ from jaxrt.core.samplers import SAMPLERS, Stream
 from jaxrt.kernels.gather import take
 from jaxrt.kernels.native import fold_packets, map_packets, on_devices
 from jaxrt.transport.outputs import Output, channels, first_met, numbers_met
-from jaxrt.transport.path import Tables, radiance
+from jaxrt.transport.path import Tables, marked, radiance
 
 BLOCK = 4  # samples, numbered from 0, whose sum is rounded; all that is divided anywhere is divided between blocks
 SHARES = 64  # at most, of a picture that several threads draw; the program of a share serves any number up to that
@@ -63,15 +63,23 @@ class Run(NamedTuple):
     pixels: Array | None = None  # (n, 2) int32 column and row of each pixel of a list, drawn as a picture n × 1
 
 
-def sample_packet(plan: Plan, tables: Tables, run: Run, sample: Array, packet: Array, attached: bool = False) -> Array:
+def sample_packet(
+    plan: Plan,
+    tables: Tables,
+    run: Run,
+    sample: Array,
+    packet: Array,
+    attached: bool = False,
+    marks: Array | None = None,
+) -> Array:
     """Return the radiance (lanes, 3) of sample number `sample` of the packet's pixels, in row order of its tile.
 
     Or the outputs (lanes, channels) that are drawn instead.
 
-    attached: with the light samples that derivatives want, see `path.radiance`.
+    attached: with the light samples that derivatives want, see `path.radiance`. marks: (lanes, …), see there.
     """
     x, y = _pixels_of(plan, tables, run, packet)
-    return jax.vmap(partial(_sample, plan, tables, run, sample, attached))(x, y)
+    return jax.vmap(partial(_sample, plan, tables, run, sample, attached))(x, y, marks)
 
 
 def size_of(tables: Tables, plan: Plan) -> tuple[int, int]:
@@ -94,7 +102,9 @@ def _pixels_of(plan: Plan, tables: Tables, run: Run, packet: Array) -> tuple[Arr
     return x, y
 
 
-def _sample(plan: Plan, tables: Tables, run: Run, sample: Array, attached: bool, x: Array, y: Array) -> Array:
+def _sample(
+    plan: Plan, tables: Tables, run: Run, sample: Array, attached: bool, x: Array, y: Array, marks: Array | None
+) -> Array:
     """Return the radiance (3,), or the outputs, of one sample of pixel (x, y), column and row."""
     dtype = tables.dtype
     pixel = y.astype(jnp.uint32) * jnp.uint32(tables.camera.width) + x.astype(jnp.uint32)
@@ -107,8 +117,8 @@ def _sample(plan: Plan, tables: Tables, run: Run, sample: Array, attached: bool,
     jitter = numbers(0)
     ray = tables.camera.ray((x.astype(dtype) + jitter[0], y.astype(dtype) + jitter[1]), jitter[2:])
     if plan.outputs:
-        return first_met(plan.outputs, tables, ray)
-    return radiance(tables, ray, numbers, plan.max_depth, plan.unroll, attached)
+        return first_met(plan.outputs, tables if marks is None else marked(tables, marks[0]), ray)
+    return radiance(tables, ray, numbers, plan.max_depth, plan.unroll, attached, marks)
 
 
 def draw_packets(f: Callable[[Operands, Array], Array], operands: Operands, size: tuple[int, int], plan: Plan) -> Array:
@@ -159,20 +169,21 @@ def joined(parts: NDArray[np.float32], size: tuple[int, int], plan: Plan) -> NDA
 
 
 def sum_packets(
-    f: Callable[[Operands, Array], list[Array]],
+    add: Callable[[Operands, Array, Totals], Totals],
     operands: Operands,
-    nothing: list[Array],
+    nothing: Totals,
+    totals_of: Callable[[Totals], list[Array]],
     size: tuple[int, int],
     plan: Plan,
 ) -> list[Array]:
-    """Return the compensated sum of f(operands, packet) over all packets of a picture. nothing: zeros of its shapes."""
+    """Return the totals of sums over all packets of a picture.
 
-    def add(operands: Operands, packet: Array, sums: list[list[Array]]) -> list[list[Array]]:
-        return kahan_add_all(sums, f(operands, packet))
+    add: returns sums with what a packet adds to them. nothing: sums of nothing.
+    """
 
     def on_device(operands: Operands, packets: Array) -> list[Array]:
         # Surplus packets have no pixels in the picture, and their cotangents are 0
-        totals = fold_packets(add, operands, [nothing, nothing], packets[0], is_native(plan))[0]
+        totals = totals_of(fold_packets(add, operands, nothing, packets[0], is_native(plan)))
         return [total[None] for total in totals]
 
     return [jnp.sum(total, axis=0) for total in on_devices(on_device, operands, _count(size, plan), plan.devices)]

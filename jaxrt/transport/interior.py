@@ -20,6 +20,8 @@ from jaxrt.core.maths import Parts, add_exactly, kahan_add, rounded
 from jaxrt.description.kinds import LIGHTS, MATERIALS
 from jaxrt.kernels.linear import Leaves, Shapes, apply_linear
 from jaxrt.kernels.native import one_mesh, program_on
+from jaxrt.materials import marks_of
+from jaxrt.textures.recording import WIDTH, add_marks
 from jaxrt.transport.film import (
     BLOCK,
     Plan,
@@ -123,6 +125,13 @@ def _turns_light(path: list[str]) -> bool:
     return path[0] != "environment" and (known is None or not known.tints)
 
 
+class _Sums(NamedTuple):
+    """What packets add up to."""
+
+    dense: list[Leaves]  # totals and compensations of whole leaves
+    texels: Any  # (n, 6) those of texels, as `add_marks` has them, None where these do not move
+
+
 class _Derivative(NamedTuple):
     """The derivative of the sum of samples in some leaves of (tables, run): a `linear.Pair`."""
 
@@ -152,47 +161,82 @@ class _Derivative(NamedTuple):
 
     def transpose(self, constants: Leaves, picture: Leaves) -> Leaves:
         plan = _backwards(self.plan, self.x)
-        nothing = [jnp.zeros(value.shape, value.dtype) for value in self.x]
-        operands = constants, packets_of(picture[0], plan)
-        return sum_packets(partial(self._cotangent, plan), operands, nothing, self.size, plan)
+        shapes = dict(zip(self.moved, self.x, strict=True))
+        nothing = [jnp.zeros(shapes[i].shape, shapes[i].dtype) for i in self._dense]
+        texels = None if self.texels is None else shapes.get(self.texels)
+        table = None if texels is None else jnp.zeros((texels.shape[0], 6), texels.dtype)
+        operands, sums = (constants, packets_of(picture[0], plan)), _Sums([nothing, nothing], table)
+        return sum_packets(partial(self._cotangent, plan), operands, sums, self._totals, self.size, plan)
 
-    def _lanes(self, plan: Plan, constants: Leaves, sample: Array, packet: Array, values: Leaves) -> Array:
-        """Return the packet's radiance, with new values of the moved leaves."""
+    @property
+    def texels(self) -> int | None:
+        """The number of the leaf that holds all texels, None where there is none."""
+        tables = jax.tree.unflatten(self.structure, list(range(self.structure.num_leaves)))[0]
+        textures = tables.materials.textures
+        return None if textures is None else textures.texels
+
+    def _lanes(
+        self,
+        plan: Plan,
+        constants: Leaves,
+        sample: Array,
+        packet: Array,
+        values: dict[int, Array],
+        marks: Array | None = None,
+    ) -> Array:
+        """Return the packet's radiance, with new values of some leaves."""
         leaves = list(constants)
-        for i, value in zip(self.moved, values, strict=True):
+        for i, value in values.items():
             leaves[i] = value
         tables, run = jax.tree.unflatten(self.structure, leaves)
-        return sample_packet(plan, tables, run, sample, packet, self.attached)
+        return sample_packet(plan, tables, run, sample, packet, self.attached, marks)
 
     def _tangent(self, operands: tuple[Leaves, Leaves], packet: Array) -> Array:
         constants, changes = operands
-        values = [constants[i] for i in self.moved]
+        values = {i: constants[i] for i in self.moved}
+        moves = dict(zip(self.moved, changes, strict=True))
         run: Run = jax.tree.unflatten(self.structure, constants)[1]
 
         def add_sample(sample: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
             one = partial(self._lanes, self.plan, constants, sample, packet)
-            return kahan_add(*sums, jax.jvp(one, [values], [changes])[1])
+            return kahan_add(*sums, jax.jvp(one, [values], [moves])[1])
 
-        nothing = jnp.zeros((self.plan.lanes, self.plan.channels), values[0].dtype)
+        nothing = jnp.zeros((self.plan.lanes, self.plan.channels), changes[0].dtype)
         return lax.fori_loop(run.first, run.end, add_sample, (nothing, nothing))[0]
 
-    def _cotangent(self, plan: Plan, operands: tuple[Leaves, Array], packet: Array) -> Leaves:
+    def _cotangent(self, plan: Plan, operands: tuple[Leaves, Array], packet: Array, sums: _Sums) -> _Sums:
+        """Return the sums with what a packet adds."""
         constants, weights = operands
-        values = [constants[i] for i in self.moved]
-        run: Run = jax.tree.unflatten(self.structure, constants)[1]
+        tables, run = jax.tree.unflatten(self.structure, constants)
+        values, marks = {i: constants[i] for i in self._dense}, None
+        if sums.texels is not None:
+            lookups = 1 if plan.outputs else plan.max_depth
+            marks = jnp.zeros((plan.lanes, *marks_of(tables.materials, lookups)), weights.dtype)
 
-        def add_sample(sample: Array, sums: list[Leaves]) -> list[Leaves]:
-            _, pull = jax.vjp(partial(self._lanes, plan, constants, sample, packet), values)
-            return kahan_add_all(sums, pull(weights[packet])[0])
+        def add_sample(sample: Array, sums: _Sums) -> _Sums:
+            _, pull = jax.vjp(partial(self._lanes, plan, constants, sample, packet), values, marks)
+            changes, read = pull(weights[packet])
+            dense = kahan_add_all(sums.dense, [changes[i] for i in self._dense])
+            return _Sums(dense, sums.texels if read is None else add_marks(sums.texels, read.reshape(-1, WIDTH)))
 
-        nothing = [jnp.zeros_like(value) for value in values]
-        return lax.fori_loop(run.first, run.end, add_sample, [nothing, nothing])[0]
+        nothing = [jnp.zeros_like(value) for value in values.values()]
+        own = lax.fori_loop(run.first, run.end, add_sample, _Sums([nothing, nothing], sums.texels))
+        return _Sums(kahan_add_all(sums.dense, own.dense[0]), own.texels)
+
+    @property
+    def _dense(self) -> list[int]:
+        """The leaves of which each sample gives a derivative as a whole: all but texels, of which it reads few."""
+        return [i for i in self.moved if i != self.texels]
+
+    def _totals(self, sums: _Sums) -> Leaves:
+        totals = dict(zip(self._dense, sums.dense[0], strict=True))
+        return [sums.texels[:, :3] if i == self.texels else totals[i] for i in self.moved]
 
 
 def _backwards(plan: Plan, shapes: Shapes) -> Plan:
     """Return the plan by which derivatives in leaves of these shapes are drawn backwards.
 
-    Each sample of a packet runs over the leaves as a whole, so that large ones want few packets.
+    Each sample of a packet runs over the leaves as a whole, and each packet over texels, so that large ones want few.
     """
     large = sum(math.prod(leaf.shape) for leaf in shapes) > LARGE
     lanes = math.prod(LARGEST_TILE)

@@ -29,7 +29,7 @@ from jaxrt.lights import (
     sky_radiance,
 )
 from jaxrt.lights.density import light_density
-from jaxrt.materials import Materials, Scattering, evaluate, scatter
+from jaxrt.materials import Materials, Scattering, evaluate, scatter, with_marks
 from jaxrt.scene import Scene
 from jaxrt.shapes import (
     Geometry,
@@ -114,12 +114,21 @@ def _with_light_spheres(scene: Scene, lights_move: bool) -> Spheres | None:
     return with_more(spheres, lights.position, lights.radius, rows)
 
 
-def radiance(tables: Tables, ray: Ray, numbers: Numbers, max_depth: int, unroll: bool, attached: bool = False) -> Array:
+def radiance(
+    tables: Tables,
+    ray: Ray,
+    numbers: Numbers,
+    max_depth: int,
+    unroll: bool,
+    attached: bool = False,
+    marks: Array | None = None,
+) -> Array:
     """Return the radiance (3,) that comes in along a camera ray, in W·sr⁻¹·m⁻².
 
     numbers: block k gives the four numbers of event k (light pair, direction pair); block 0 belongs to the camera.
     unroll: all events in a row, or one event in a scan: the same numbers, another program.
     attached: draw light samples whose derivatives in light, shapes and camera are right and of bounded variance.
+    marks: (max_depth, slots, 15), by which textures record what each event reads of them.
     """
     walk = walk_along(tables, ray, True)
     if tables.geometry.spheres is None and tables.geometry.triangles is None:
@@ -127,15 +136,21 @@ def radiance(tables: Tables, ray: Ray, numbers: Numbers, max_depth: int, unroll:
         return sky + sky_radiance(tables.lights, ray.direction) if shines_from_afar(tables.lights) else sky
     if unroll:
         for k in range(1, max_depth + 1):
-            walk = _event(tables, walk, numbers(k), attached)
+            walk = _event(marked(tables, None if marks is None else marks[k - 1]), walk, numbers(k), attached)
     else:
         # Of each event, derivatives backwards keep the walk, what was hit and two numbers, and compute the rest again
         @partial(jax.checkpoint, policy=jax.checkpoint_policies.save_only_these_names(_KEPT), prevent_cse=False)
-        def event(walk: Walk, k: Array) -> tuple[Walk, None]:
-            return _event(tables, walk, numbers(k), attached), None
+        def event(walk: Walk, one: tuple[Array, Array | None]) -> tuple[Walk, None]:
+            k, mark = one
+            return _event(marked(tables, mark), walk, numbers(k), attached), None
 
-        walk, _ = lax.scan(event, walk, jnp.arange(1, max_depth + 1))
+        walk, _ = lax.scan(event, walk, (jnp.arange(1, max_depth + 1), marks))
     return last_look(tables, walk)
+
+
+def marked(tables: Tables, marks: Array | None) -> Tables:
+    """Return the tables whose textures record what is read of them, where there are marks."""
+    return tables if marks is None else replace(tables, materials=with_marks(tables.materials, marks))
 
 
 def walk_along(tables: Tables, ray: Ray, specular: bool) -> Walk:
