@@ -207,11 +207,22 @@ def test_gallery_shows_what_it_draws() -> None:
 
 
 def test_scene_file_example() -> None:
-    (example,) = blocks("docs/scene-format.md", "toml")
+    example, _ = blocks("docs/scene-format.md", "toml")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", jaxrt.SceneWarning)
         scene = jaxrt.build(tomllib.loads(example))
     assert scene.camera.width == 512 and "materials.ior" in jaxrt.parameters(scene)
+
+
+def test_scene_file_textures(tmp_path: Path) -> None:
+    """Of those that the page shows, the ball takes one; the others are told to be unused."""
+    _, example = blocks("docs/scene-format.md", "toml")
+    Image.new("RGB", (3, 2)).save(tmp_path / "wood.png")
+    ball = '[camera]\nposition = [0, 0, 9]\n[[spheres]]\ncenter = [0, 0, 0]\nradius = 1\nmaterial = "table"\n'
+    (tmp_path / "scene.toml").write_text(example + ball + "[environment]\nradiance = [1, 1, 1]\n")
+    with pytest.warns(jaxrt.SceneWarning, match="is used by nothing"):
+        scene = jaxrt.load_scene(tmp_path / "scene.toml")
+    assert jaxrt.parameters(scene)["textures.wood"].shape == (2, 3, 3)
 
 
 @pytest.mark.parametrize("command", ["example", "render", "merge", "info", "diff"])

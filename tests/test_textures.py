@@ -7,8 +7,12 @@ import pytest
 from PIL import Image
 
 import jaxrt
+from jaxrt.cli.commands.summary import print_summary
 from jaxrt.core.records import Chart
+from jaxrt.fit.document import write_scene
 from jaxrt.io.color import srgb_decode
+from jaxrt.io.scene_file import read_description
+from jaxrt.scene.selectors import parse_selector
 from jaxrt.textures import Layout, Textures, color_at
 
 RNG = np.random.default_rng(3)
@@ -399,3 +403,38 @@ def test_marks_add_up_rows_past_what_float32_counts():
     wanted = np.zeros((9000, 3))
     np.add.at(wanted, np.asarray(rows), np.outer(weights, change))
     np.testing.assert_allclose(sums[:, :3], wanted, rtol=1e-6)
+
+
+SPHERE = '[[spheres]]\ncenter = [0, 0, -9]\nradius = 1\nmaterial = "b"\n'
+
+
+def test_a_fitted_scene_has_its_texels_beside_it(folder):
+    """In another folder, and what is not fitted is found where it lies."""
+    path, linear = folder
+    (path / "other.png").write_bytes((path / "wood.png").read_bytes())
+    more = '[materials.b]\ntype = "mirror"\nalbedo = "other.png"'
+    source, out = write(path, '"wood.png"', more), path / "out"
+    source.write_text(source.read_text() + SPHERE)
+    out.mkdir()
+    texels = RNG.uniform(size=(4, 6, 3)).astype(np.float32)
+    factor = np.asarray([0.5, 0.25, 1], np.float32)
+    scene, description = jaxrt.load_scene(source), read_description(source)
+    values = {"textures.wood": texels, "materials.albedo[paint]": factor}
+    selectors = {text: parse_selector(text, scene) for text in values}
+    write_scene(source, out / "fitted.toml", values, selectors, description)
+    again = jaxrt.parameters(jaxrt.load_scene(out / "fitted.toml", allow_folders=[path]))
+    np.testing.assert_array_equal(again["textures.wood"], texels)
+    np.testing.assert_allclose(again["textures.other"], linear, atol=1e-6)
+    np.testing.assert_array_equal(again["materials.albedo"], [factor, [1, 1, 1]])
+
+
+def test_info_tells_of_textures(folder, capsys):
+    path, _ = folder
+    print_summary("a", *_described(write(path, '"wood.png"')), [])
+    told = capsys.readouterr().out
+    assert "image" in told and "6x4" in told and "wood times (1, 1, 1)" in told and "textures.wood" in told
+
+
+def _described(path):
+    description = read_description(path)
+    return description, jaxrt.build(description)

@@ -10,7 +10,17 @@ from numpy.typing import NDArray
 
 from jaxrt.core.writing import write_text
 from jaxrt.description import MeshDescription, SceneDescription, SceneError
+from jaxrt.description.textures import (
+    PICTURES,
+    CheckerTexture,
+    VertexColors,
+    as_written,
+    painted_fields,
+    texture_of,
+)
+from jaxrt.io.image import save_image
 from jaxrt.io.scene_file import read_text
+from jaxrt.scene.materials import TEXTURES
 from jaxrt.scene.poses import POSES
 from jaxrt.scene.selectors import Selector, place_in_file
 
@@ -30,8 +40,13 @@ def write_scene(
     import tomlkit
 
     document = tomlkit.parse(read_text(source))
+    written = {f"{path.stem}.{text.removeprefix(TEXTURES)}.exr" for text in values if text.startswith(TEXTURES)}
     for text, value in values.items():
-        _put(document, selectors[text], text, value, scene)
+        if selectors[text].name.startswith(TEXTURES):
+            _put_texels(document, text, value, scene, path)
+        else:
+            _put(document, selectors[text], text, value, scene)
+    _move_pictures(document, source, path, written)
     for mesh in document.get("meshes", []):
         # Names of files stay right in another folder
         if "file" in mesh:
@@ -56,9 +71,63 @@ def _put(document: Any, selector: Selector, text: str, value: Floats, scene: Sce
         place = place_in_file(scene, selector)
         if owner == "materials" and place not in document.setdefault("materials", {}):
             # A mesh file has brought it along
-            document["materials"][place] = scene.materials[str(place)].model_dump(mode="json", exclude_none=True)
+            material = scene.materials[str(place)]
+            own = {name: as_written(getattr(material, name)) for name in type(material).model_fields}
+            document["materials"][place] = {name: each for name, each in own.items() if each is not None}
         key = "rotate_vector" if selector.name in POSES and field == "rotate" else field
-        document[owner][place][key] = _plain(_in_group(value, selector, scene))
+        new = _plain(_in_group(value, selector, scene))
+        texture = texture_of(getattr(scene.materials[str(place)], field)) if owner == "materials" else None
+        document[owner][place][key] = new if texture is None else _painted(document, texture, new, scene)
+
+
+def _painted(document: Any, texture: str, factor: Any, scene: SceneDescription) -> Any:
+    """Return a field that a texture is multiplied by, which the document then has under its name."""
+    if texture not in document.get("textures", {}):
+        _add_texture(document, texture, scene)
+    return {"texture": texture, "factor": factor}
+
+
+def _add_texture(document: Any, name: str, scene: SceneDescription) -> Any:
+    """Return the table of a texture that so far was the name of a file, or came along with a mesh."""
+    table = {"file": scene.textures[name].file}
+    document.setdefault("textures", {})[name] = table
+    for material, fields in document.get("materials", {}).items():
+        for field, texture in painted_fields(scene.materials[material]):
+            if texture == name and isinstance(fields.get(field), str):
+                fields[field] = name
+    return document["textures"][name]
+
+
+def _put_texels(document: Any, text: str, value: Floats, scene: SceneDescription, path: Path) -> None:
+    """Write the texels of a picture beside the scene, and its name, or a checker's colours, into the document."""
+    name = text.removeprefix(TEXTURES)
+    if isinstance(scene.textures[name], VertexColors):
+        raise SceneError(f"{text}: colours at vertices are not written: take jaxrt.fit in Python")
+    known = document.get("textures", {})
+    table = known[name] if name in known else _add_texture(document, name, scene)
+    if isinstance(scene.textures[name], CheckerTexture):
+        table["colors"] = [_plain(color) for color in value]
+        return
+    for key in ("texels", "encoding"):
+        table.pop(key, None)
+    file = path.with_name(f"{path.stem}.{name}.exr")
+    save_image(file, value)
+    table["file"] = file.name
+
+
+def _move_pictures(document: Any, source: Path, path: Path, written: set[str]) -> None:
+    """Let names of pictures be right in another folder; those that are written are already."""
+
+    def moved(file: str) -> str:
+        return Path(os.path.relpath(source.parent / file, path.parent)).as_posix()
+
+    for table in document.get("textures", {}).values():
+        if "file" in table and table["file"] not in written:
+            table["file"] = moved(str(table["file"]))
+    for fields in document.get("materials", {}).values():
+        for field, value in fields.items():
+            if isinstance(value, str) and Path(value).suffix.lower() in PICTURES:
+                fields[field] = moved(value)
 
 
 def _in_group(value: Floats, selector: Selector, scene: SceneDescription) -> Floats:

@@ -53,7 +53,7 @@ class Unknown(NamedTuple):
         if not self.shape:
             return [self.text]
         axes = measure(self.selector.name).axes
-        rows = [f"{self.text}[{i}]" for i in range(self.shape[0])] if len(self.shape) > 1 else [self.text]
+        rows = [self.text + "".join(f"[{i}]" for i in place) for place in np.ndindex(self.shape[:-1])]
         return [f"{row}.{axis}" for row in rows for axis in axes]
 
 

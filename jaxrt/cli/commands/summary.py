@@ -14,6 +14,7 @@ from jaxrt.cli.streams import spelt
 from jaxrt.core.messages import one_line
 from jaxrt.description import SceneDescription, Solid
 from jaxrt.description.kinds import CAMERAS, LIGHTS, MATERIALS, Family
+from jaxrt.description.textures import texture_of, textures_used
 from jaxrt.scene import Scene, placed
 from jaxrt.scene.parameters import names, parameters
 from jaxrt.shapes import Triangles
@@ -41,6 +42,8 @@ def print_summary(
         ("left out", ", ".join(absent) or "nothing"),
     ]
     console.print(_table(source, ("", ""), facts))
+    if description.textures:
+        console.print(_table("textures", ("name", "type", "texels", "file"), _textures(description)))
     console.print(_table("materials", ("name", "type", "value", "objects"), _materials(description)))
     if description.meshes:
         heads = ("", "file", "faces", "vertices", "without area, dropped", "material")
@@ -71,6 +74,7 @@ def features(description: SceneDescription) -> tuple[list[str], list[str]]:
         "sphere lights": any(radii),
         **{f"{name} lights": True for name in lights},
         "environment": description.environment is not None,
+        "textures": bool(textures_used(description)),
         **{f"{name} camera": True for name in camera},
     }
     return [name for name, is_there in there.items() if is_there], [n for n, is_there in there.items() if not is_there]
@@ -124,7 +128,8 @@ def _values(table: Any, family: Family) -> str:
 
 
 def _value(value: Any) -> str:
-    return _numbers(value) if np.ndim(value) else f"{value:g}"
+    numbers = _numbers(value) if np.ndim(value) else f"{value:g}"
+    return numbers if texture_of(value) is None else f"{texture_of(value)} times {numbers}"
 
 
 def _materials(scene: SceneDescription) -> Iterable[tuple[str, str, str, str]]:
@@ -133,6 +138,12 @@ def _materials(scene: SceneDescription) -> Iterable[tuple[str, str, str, str]]:
     used.update(name for mesh in scene.meshes for name in mesh.names)
     for name, material in scene.materials.items():
         yield name, MATERIALS.kind_of(material).name, _values(material, MATERIALS), str(used[name])
+
+
+def _textures(scene: SceneDescription) -> Iterable[tuple[str, str, str, str]]:
+    for name, texture in scene.textures.items():
+        size = f"{texture.shape[1]}x{texture.shape[0]}" if texture.type == "image" else ""
+        yield name, texture.type, size, getattr(texture, "file", None) or ""
 
 
 def _meshes(scene: SceneDescription) -> Iterable[tuple[str, ...]]:
