@@ -68,7 +68,12 @@ class Distortion(NamedTuple):
 @jax.custom_jvp
 def undone(distortion: Distortion, goal: Pair) -> Pair:
     """Return the place that is moved to `goal`, by Newton's method: a loop, for each ray of each edge is found so."""
-    return lax.fori_loop(0, STEPS, lambda _, place: distortion.nearer(*place, goal), goal)
+
+    def step(_: Array, place: Pair) -> Pair:
+        return distortion.nearer(place[0], place[1], goal)
+
+    place: Pair = lax.fori_loop(0, STEPS, step, goal)
+    return place
 
 
 @undone.defjvp
