@@ -24,6 +24,7 @@ from jaxrt.description.values import (
     SHORTEST,
     Count,
     Name,
+    Number,
     Radius,
     Rgb,
     Table,
@@ -33,6 +34,7 @@ from jaxrt.description.values import (
     three,
     told,
 )
+from jaxrt.filters import BOX, filter_of
 
 __all__ = [
     "EnvironmentDescription",
@@ -57,6 +59,17 @@ class RenderDefaults(Table):
 
     spp: Count = 64
     max_depth: Count = 5
+    filter: Name = BOX
+    filter_width: Number | None = None  # pixels, from end to end
+
+    @model_validator(mode="after")
+    def _check_filter(self) -> Self:
+        try:
+            filter_of(self.filter, self.filter_width)
+        except ValueError as error:
+            key, told = str(error).split(": ", 1)
+            raise complaint(told, key) from None
+        return self
 
 
 class EnvironmentDescription(Table):

@@ -270,7 +270,7 @@ def picture_of(
     picture = total / spp.astype(total.dtype)
     if edges == 0:
         return picture
-    budget = boundary.Plan(edges, plan.max_depth, False, False, plan.devices)
+    budget = boundary.Plan(edges, plan.max_depth, False, False, plan.devices, filter=plan.filter)
 
     def more(number: Array, sum_of: Array) -> Array:
         # Far from the seeds that a fit takes one by one
