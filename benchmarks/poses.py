@@ -157,7 +157,7 @@ def peer_fits(python: str, mug: Mug, given: list[Task], rate: float, steps: int)
         np.savez(path, targets=targets, starts=np.stack([task.start for task in given]))
         options = flags(rate=rate, steps=steps, spp=mug.spp)
         command = [python, str(HERE / "mitsuba_poses.py"), SCENE, str(path), *options]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as child:
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
             assert child.stdout is not None
             for task, line in zip(given, child.stdout, strict=True):
                 answer = json.loads(line)
@@ -184,7 +184,7 @@ def row_of(name: str, results: list[Result]) -> list[str]:
     return [*row, f"{turn:.2f}° {place:.2%}", f"{within:.1%} of {errors.size}", f"{len(told)}, wrongly {wrongly}"]
 
 
-def told(console: Console, name: str, results: Iterator[Result]) -> list[Result]:
+def tell(console: Console, name: str, results: Iterator[Result]) -> list[Result]:
     """Return the results, each told in a line as it comes."""
     every = []
     for result in results:
@@ -220,7 +220,7 @@ def main() -> None:
         table.add_column(column)
     for name, fits in rows.items():
         if name.split(",")[0] in options.rows:
-            table.add_row(*row_of(name, told(console, name, fits())))
+            table.add_row(*row_of(name, tell(console, name, fits())))
     console.print(table)
 
 

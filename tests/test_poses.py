@@ -12,10 +12,8 @@ from scipy.spatial.transform import Rotation
 
 import jaxrt
 from jaxrt.description.pose import rotation_matrix, rotation_vector
-from jaxrt.fit import Machine, Problem, sought
-from jaxrt.fit.descent import STAGES
+from jaxrt.fit import sought
 from jaxrt.fit.document import write_scene
-from jaxrt.fit.solve import Drawing
 from jaxrt.gradcheck.coverage import coverage
 from jaxrt.gradcheck.steps import default_step
 from jaxrt.io.scene_file import read_description
@@ -355,30 +353,6 @@ def test_unknowns_of_a_pose_have_the_weight_of_places(scene):
     slopes = [(np.concatenate([np.ravel(v) for v in unknowns.values(vector + step * e).values()])
                - np.concatenate([np.ravel(v) for v in values.values()])) / step for e in np.eye(7)]  # fmt: skip
     np.testing.assert_allclose(unknowns.slopes(vector), np.sum(slopes, 0), rtol=1e-4)
-
-
-def test_turns_wait_until_places_are_found(scene):
-    """Those of what is placed too, in the first, most blurred stage: a blurred mug explains its place by any turn."""
-    names = ["meshes.rotate[box]", "meshes.translate[box]", "groups.rotate[pair]", "meshes.translate[1]"]
-    waiting = sought(scene, names).turns_of_placed
-    np.testing.assert_array_equal(waiting, [True] * 3 + [False] * 9)
-    assert [stage.turning for stage in STAGES] == [False, True, True]
-
-
-def test_what_waits_is_held(quick_compilation):
-    """Its derivatives are 0, the others and the picture what they are."""
-    flat = {"name": "flat", "vertices": [[-1, -1, 0], [1, -1, 0], [0, 1, 0]], "faces": [[0, 1, 2]], "material": "red"}
-    camera = {"position": [0, 0, 3], "target": [0, 0, 0], "width": 4, "height": 4}
-    light = {"position": [1, 1, 3], "intensity": 30}
-    scene = jaxrt.build({"camera": camera, "materials": {"red": SCENE["materials"]["red"]}, "meshes": [flat],
-                         "lights": [light]})  # fmt: skip
-    unknowns, target = sought(scene, ["meshes.rotate[flat]", "meshes.translate[flat]"]), jnp.ones((4, 4, 3))
-    asked = jaxrt.with_parameters(scene, {"meshes.rotate[flat]": [0, 20, 0]})
-    machine = Machine(Problem(asked, unknowns, target, jnp.ones_like(target), 1, boundary_samples=0))
-    (picture, free), (same, held) = (machine.evaluate(machine.start, 0, Drawing(4, turning=on)) for on in (True, False))
-    np.testing.assert_array_equal(picture, same)
-    np.testing.assert_array_equal(held[..., 3:], free[..., 3:])
-    assert not held[..., :3].any() and free[..., :3].any(axis=(0, 1, 2)).all()
 
 
 REFUSED = [
