@@ -84,6 +84,7 @@ def test_memory_does_not_grow_with_samples(small_room: jaxrt.Scene) -> None:
     assert bytes_for(1024) == bytes_for(16)
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_jit_and_vmap(small_room: jaxrt.Scene) -> None:
     scene = dataclasses.replace(small_room, camera=dataclasses.replace(small_room.camera, width=16, height=8))
 
@@ -118,6 +119,7 @@ def test_s5_the_size_may_be_asked_for(room: jaxrt.Scene, picture: NDArray[np.flo
             jaxrt.render(room, 0, spp=1, **size)
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_float64_scene(small_room: jaxrt.Scene) -> None:
     with jax.enable_x64(True):
         scene = jaxrt.build(

@@ -94,6 +94,7 @@ def slopes(view):
     return {move: np.stack(values) for move, values in found.items()}
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_both_show_the_same_picture():
     views = descriptions().values()
     direct, mirror = (
