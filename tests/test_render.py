@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 import jaxrt
 from jaxrt.render import render_sum
 
+pytestmark = pytest.mark.usefixtures("quick_compilation")
 SIZE = {"width": 40, "height": 24}  # not a multiple of the packets
 
 
@@ -25,8 +26,8 @@ def draw(scene: jaxrt.Scene, **options: Any) -> NDArray[np.float32]:
     return np.asarray(jaxrt.render(scene, 3, **({"spp": 4, "max_depth": 3} | options)))
 
 
-@pytest.fixture(scope="module")
-def picture(small_room: jaxrt.Scene) -> NDArray[np.float32]:
+@pytest.fixture
+def picture(quick_compilation: None, small_room: jaxrt.Scene) -> NDArray[np.float32]:
     return draw(small_room)
 
 
@@ -84,7 +85,6 @@ def test_memory_does_not_grow_with_samples(small_room: jaxrt.Scene) -> None:
     assert bytes_for(1024) == bytes_for(16)
 
 
-@pytest.mark.usefixtures("quick_compilation")
 def test_jit_and_vmap(small_room: jaxrt.Scene) -> None:
     scene = dataclasses.replace(small_room, camera=dataclasses.replace(small_room.camera, width=16, height=8))
 
@@ -119,7 +119,6 @@ def test_s5_the_size_may_be_asked_for(room: jaxrt.Scene, picture: NDArray[np.flo
             jaxrt.render(room, 0, spp=1, **size)
 
 
-@pytest.mark.usefixtures("quick_compilation")
 def test_float64_scene(small_room: jaxrt.Scene) -> None:
     with jax.enable_x64(True):
         scene = jaxrt.build(
