@@ -24,6 +24,7 @@ from jaxrt.programs.key import code_of_kinds
 from jaxrt.render import prepare
 from tests.own_kinds import Chalk, Phong
 
+pytestmark = pytest.mark.usefixtures("quick_compilation")
 N = 200_000
 LAMP = {"position": [2, 4, 2], "intensity": 20, "radius": 0.7}
 SURFACE = SurfacePoint(jnp.zeros(3), jnp.asarray([0.0, 0.0, 1.0]), jnp.zeros(()), jnp.int32(0))
