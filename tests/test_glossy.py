@@ -18,8 +18,10 @@ from jaxrt.core.records import SurfacePoint
 from jaxrt.description.kinds import MATERIALS
 from jaxrt.kinds import Albedo, material
 from jaxrt.materials import Materials, scatter
+from jaxrt.materials.conductor import Conductor
 from jaxrt.materials.diffuse import Diffuse
 from jaxrt.materials.glass import Glass
+from jaxrt.materials.plastic import Plastic
 from jaxrt.programs.key import code_of_kinds
 from jaxrt.render import prepare
 from tests.own_kinds import Chalk, Phong
@@ -31,6 +33,8 @@ SURFACE = SurfacePoint(jnp.zeros(3), jnp.asarray([0.0, 0.0, 1.0]), jnp.zeros(())
 KINDS = {
     "chalk": Chalk(jnp.asarray([0.8, 0.5, 0.2])),
     "phong": Phong(jnp.asarray([0.8, 0.5, 0.2]), jnp.asarray(5.0)),
+    "conductor": Conductor(jnp.asarray([0.8, 0.5, 0.2]), jnp.asarray(0.5)),
+    "plastic": Plastic(jnp.asarray([0.8, 0.5, 0.2]), jnp.asarray(0.5), jnp.asarray(1.5)),
 }
 
 

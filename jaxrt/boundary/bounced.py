@@ -26,7 +26,7 @@ from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.core.samplers import Stream, independent
 from jaxrt.core.sampling import numbers_of_direction
-from jaxrt.kernels.native import map_packets, once
+from jaxrt.kernels.native import in_stages, map_packets, once
 from jaxrt.materials import scatter
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, leave, surface_point
@@ -139,7 +139,7 @@ def _path(tables: Tables, ray: Ray, stream: Stream, events: int) -> Arrival:
         hit = once(find)(tables.geometry, ray)
         point = once(surface_point)(tables.geometry, ray, hit)
         _, _, *u = (x.astype(throughput.dtype) for x in independent(stream, k))
-        scattering = once(scatter)(tables.materials, point, -ray.direction, (u[0], u[1]))
+        scattering = in_stages(scatter)(tables.materials, point, -ray.direction, (u[0], u[1]))
         onward = jnp.where(hit.valid, throughput * scattering.weight, 0)
         arrival = Arrival(Turn(ray, hit.index, (u[0], u[1])), jnp.where(scattering.diffuse, onward, 0))
         return (once(leave)(point, scattering.direction), onward), arrival

@@ -31,7 +31,7 @@ from jaxrt.core.sampling import (
     sample_uniform_sphere,
 )
 from jaxrt.filters import Filter
-from jaxrt.kernels.native import once
+from jaxrt.kernels.native import in_stages, once
 from jaxrt.lights import Lights, LightTable, casters_of, intensity_toward
 from jaxrt.materials import Scattering, evaluate, scatter
 from jaxrt.scene import Scene
@@ -241,7 +241,7 @@ def vertex(tables: Tables, draw: Draw, bent: bool, carrier: Carrier, k: Array) -
     arrived = hit.valid & (travelled > carrier.least)
     wo = -carrier.ray.direction
     _, _, *u = (x.astype(wo.dtype) for x in independent(draw.stream, k + 1))
-    scattering = once(scatter)(tables.materials, point, wo, (u[0], u[1]))
+    scattering = in_stages(scatter)(tables.materials, point, wo, (u[0], u[1]))
     arriving = carrier.flux * _tilt(point, wo)
     passes = arrived & ((scattering.specular if bent else scattering.lit) | (k > 0))
     # Show it to the camera
@@ -266,7 +266,7 @@ def _toward_camera(
     if scattering.glossy is None:
         return sent
     eye = normalize(tables.camera.eye(point.position) - point.position)
-    value = once(evaluate)(tables.materials, point, eye, wo)[0]
+    value = in_stages(evaluate)(tables.materials, point, eye, wo)[0]
     cosine = jnp.abs(dot(point.shading, wo)) * jnp.ones_like(value)
     return jnp.where(scattering.glossy, arriving * safe_divide(value, cosine) * share, sent)
 
@@ -281,7 +281,7 @@ def _power_kept(tables: Tables, point: SurfacePoint, wo: Array, scattering: Scat
         return scattering.weight
     through = dot(point.shading, wo) * dot(point.shading, scattering.direction) < 0
     lobe = jnp.where(through, LAST, 0).astype(wo.dtype)
-    back = once(scatter)(tables.materials, point, scattering.direction, (lobe, lobe)).weight
+    back = in_stages(scatter)(tables.materials, point, scattering.direction, (lobe, lobe)).weight
     squared = jnp.where(scattering.specular, scattering.weight * back, 1)
     return jnp.where(scattering.specular, safe_sqrt(squared), scattering.weight)
 
