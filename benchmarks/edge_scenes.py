@@ -233,6 +233,9 @@ for kind, (own, _) in CAMERAS.items():
     balls = [*here["spheres"], ball("ball", "right", [-8, -1, 0], 8)]
     SCENES[f"room, {kind}"] = {**here, "camera": {**stands, **own}, "spheres": balls}
 
+for name in ("gaussian", "blackman-harris"):
+    SCENES[f"room, {name}"] = {**SCENES["room, pinhole"], "render": {"filter": name}}
+
 
 class Row(NamedTuple):
     """One derivative, and how far it may be from finite differences."""
@@ -312,6 +315,12 @@ def camera_rows() -> list[Row]:
     ]
 
 
+def filter_rows() -> list[Row]:
+    """Return the same room before a pinhole, its pixels filtered."""
+    names = ("gaussian", "blackman-harris")
+    return [Row(f"room, {name} filter, roll", f"room, {name}", "camera.roll", "one", 0.03, 0.5) for name in names]
+
+
 def chain_rows() -> list[Row]:
     """Return what is seen in mirrors and through glass, and the indirect light of a moved ball."""
     ball = "spheres.center[ball]"
@@ -371,4 +380,4 @@ def other_rows() -> list[Row]:
 
 def rows() -> list[Row]:
     """Return all rows, cheap ones first."""
-    return [*crossing_rows(), *camera_rows(), *sky_rows(), *chain_rows(), *other_rows()]
+    return [*crossing_rows(), *camera_rows(), *filter_rows(), *sky_rows(), *chain_rows(), *other_rows()]

@@ -4,8 +4,8 @@
 
 A pose is two parameters of a mesh, a place and a rotation vector, asked for by name. The mug's outline and its shadow
 tell most of them, its handle how it is turned about itself; both are edges. `jaxrt.fit` compares blurred pictures
-first, in which a mug that is half beside its place still overlaps it, then turns it in other ways, and goes some steps
-down from those that look best.
+first, in which a mug that is half beside its place still overlaps it, moves it there, then turns it in other ways, and
+goes some steps down from those that look best.
 """
 
 import numpy as np

@@ -17,6 +17,7 @@ from jaxrt.core.counts import whole_number
 from jaxrt.core.messages import nearest, show
 from jaxrt.core.samplers import SAMPLERS, seed_from_key
 from jaxrt.core.system import usable_cores
+from jaxrt.filters import Filter, filter_of
 from jaxrt.kernels.native import as_operand, default_devices, everywhere, local
 from jaxrt.scene import Scene, check_scene, drawn
 from jaxrt.scene.checks import check_memory
@@ -64,6 +65,8 @@ class Options(TypedDict, total=False):
     devices: Sequence[jax.Device] | None
     window: Window | None
     pixels: ArrayLike | None
+    filter: str | None
+    filter_width: float | None
 
 
 class Drawing(Options, total=False):
@@ -104,6 +107,8 @@ def render(
     devices: Sequence[jax.Device] | None = None,
     window: Window | None = None,
     pixels: ArrayLike | None = None,
+    filter: str | None = None,
+    filter_width: float | None = None,
     outputs: Sequence[str] | None = None,
 ) -> Array | dict[str, Array]:
     """Return the picture (height, width, 3) in linear radiance, W·sr⁻¹·m⁻²; row 0 is the top.
@@ -127,6 +132,9 @@ def render(
     has there where x0 and y0 are multiples of the tile, else to 1e-6. pixels: columns and rows (n, 2) of what is to be
     drawn alone: (n, 3). Windows of one size, and lists of one length, share a program; x0, y0, pixels may be traced.
 
+    filter: "box", a pixel's own square, "gaussian" or "blackman-harris", whose samples lie about a pixel's middle as
+    the filter weighs them; filter_width: pixels from end to end, 3 by default. Both default to the scene's.
+
     Pure: works under jit, vmap, jvp, vjp, jacfwd, jacrev and hessian. boundary_samples: 0 gives interior derivatives
     only, which lack what moving visibility edges add; n leaves the picture unchanged to the bit and adds the edge terms
     from n samples, about 4 a pixel (second derivatives then raise ValueError). gradient_key and gradient_spp: the
@@ -146,7 +154,7 @@ def render(
     gradient_spp = _count("gradient_spp", spp if gradient_spp is None else gradient_spp)
     _count("boundary_samples", boundary_samples, least=0)
     options: Options = dict(max_depth=max_depth, sampler=sampler, unroll=unroll, tile=tile, devices=devices)
-    options |= dict(window=window, pixels=pixels)
+    options |= dict(window=window, pixels=pixels, filter=filter, filter_width=filter_width)
     gradient_key = key if gradient_key is None else gradient_key
 
     def drawn_as(outputs: tuple[Output, ...]) -> Array:
@@ -155,7 +163,7 @@ def render(
         # XLA divides or multiplies as it likes, which is not the same to the bit: the choice is made here
         picture = draw_sum(plain, run, plan, gradient_run) * (1 / spp)
         if boundary_samples:
-            edges = boundary.Plan(boundary_samples, plan.max_depth, False, False, plan.devices, outputs)
+            edges = boundary.Plan(boundary_samples, plan.max_depth, False, False, plan.devices, outputs, plan.filter)
             picture = picture + cut(moving_edges(plain, gradient_run.seed, edges), run, plan)
         return picture if pixels is None else picture[0]
 
@@ -216,6 +224,8 @@ def prepare(
     devices: Sequence[jax.Device] | None = None,
     window: Window | None = None,
     pixels: ArrayLike | None = None,
+    filter: str | None = None,
+    filter_width: float | None = None,
     outputs: tuple[Output, ...] = (),
 ) -> tuple[Scene, Run, Plan]:
     """Return the arguments of `draw_sum` from those of `render_sum`, checked."""
@@ -227,8 +237,27 @@ def prepare(
     tile = _tile(tile) if tile else (CPU_TILE if devices[0].platform == "cpu" else WIDE_TILE)
     run = Run(seed_from_key(key), jnp.int32(first), jnp.int32(first) + jnp.int32(count), jnp.int32(spp))
     # What is met first is the same whatever comes after
-    plan = Plan(1 if outputs else max_depth, sampler, unroll, tile, devices, outputs=outputs)
+    plan = Plan(
+        1 if outputs else max_depth,
+        sampler,
+        unroll,
+        tile,
+        devices,
+        outputs=outputs,
+        filter=_filter(scene, filter, filter_width),
+    )
     return drawn(scene), *viewed(scene, run, plan, window, pixels)
+
+
+def _filter(scene: Scene, name: str | None, width: float | None) -> Filter | None:
+    """Return the filter that is asked for, by default the scene's own."""
+    own = scene.defaults
+    if name is None:
+        name, width = own.filter, own.filter_width if width is None else width
+    try:
+        return filter_of(name, width)
+    except ValueError as error:
+        raise ValueError(f"render: {error}") from None
 
 
 def _tile(tile: tuple[int, int]) -> tuple[int, int]:

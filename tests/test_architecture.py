@@ -8,7 +8,7 @@ import pytest
 # From the ground up. A room is a folder of jaxrt/, or a file there; it imports from lower floors and from itself
 FLOORS = [
     {"core"},
-    {"kernels", "hosts"},
+    {"kernels", "hosts", "filters"},
     {"description"},
     {"textures"},
     {"shapes", "materials", "lights", "cameras", "kinds"},

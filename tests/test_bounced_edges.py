@@ -273,6 +273,7 @@ def check_trail(scene, image, numbers, names):
     return turns
 
 
+@pytest.mark.usefixtures("quick_compilation")
 @pytest.mark.parametrize("image", [(5.5, 9.0), (11.0, 8.0), (8.0, 14.0)], ids=["ball", "box", "floor"])
 def test_a_trail_is_what_forward_derivatives_find(image):
     numbers = [(jnp.float32(0.3), jnp.float32(0.4)), (jnp.float32(0.7), jnp.float32(0.6))]
@@ -307,6 +308,7 @@ BENDING = ("camera.position", "camera.fov", "materials.ior", "meshes.vertices", 
 THROUGH = 1 - 2.0**-24  # glass's number that lets light through, 0 the one that reflects it
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_a_trail_turns_in_glass_and_mirrors():
     """Through the ball, off the mirror behind it, and on from the floor."""
     numbers = [(jnp.float32(u), jnp.float32(0.6)) for u in (THROUGH, THROUGH, 0.5, 0.3)]
@@ -314,6 +316,7 @@ def test_a_trail_turns_in_glass_and_mirrors():
     assert [int(turn.index) for turn in turns] == [0, 0, 2, 3]
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_a_path_through_glass_and_mirrors_has_its_numbers():
     """The events of a path are told from its places alone."""
     scene = glass_and_mirrors()

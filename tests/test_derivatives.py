@@ -17,6 +17,7 @@ from jaxrt.kernels.gather import take
 from jaxrt.transport import interior
 
 ONE = tuple(jax.devices()[:1])
+unoptimised = pytest.mark.usefixtures("quick_compilation")
 
 # Closed forms: a point light in a closed diffuse ball
 
@@ -58,6 +59,7 @@ def ball_program(depth, spp=SPP):
     return jax.jit(both).lower(chosen(), jnp.uint32(0)).compile()
 
 
+@unoptimised
 @pytest.mark.parametrize("rho", [(0.2, 0.8, 1.0), (0.0, 0.1, 0.35), (0.5, 0.65, 0.9)])
 @pytest.mark.parametrize("depth", [1, 2, 4, 8])
 def test_closed_ball_with_its_light_at_the_centre(depth, rho):
@@ -77,6 +79,7 @@ def test_closed_ball_with_its_light_at_the_centre(depth, rho):
     np.testing.assert_allclose(pulled["spheres.radius"][0], -2 / radius * intensity * unit * series.sum(), rtol=1e-4)
 
 
+@unoptimised
 def test_light_moved_inside_a_closed_ball():
     """Its indirect light is the same at every place: derivative 0, within 4σ of 32 seeds; direct light's is not."""
     values = chosen(lights_position=[[0.8, -0.3, 0.4]])
@@ -93,6 +96,7 @@ def test_light_moved_inside_a_closed_ball():
     assert np.linalg.norm(direct.mean(0)) > 1
 
 
+@unoptimised
 def test_the_sampled_interior_is_differentiated_exactly():
     """Without edges, and with the picture's own key, the derivative is that of the very samples drawn.
 
@@ -120,8 +124,8 @@ def slopes():
     return jax.jit(jax.jacfwd(ball_picture))(chosen())
 
 
+@unoptimised
 @pytest.mark.quick
-@pytest.mark.usefixtures("quick_compilation")
 def test_jvp_and_grad_and_jacrev_agree_with_jacfwd():
     """To 1e-5 of the largest entry: the same samples, summed in another order."""
     values = chosen()
@@ -138,8 +142,8 @@ def test_jvp_and_grad_and_jacrev_agree_with_jacfwd():
         np.testing.assert_allclose(gradient[k], jacobian[k].sum((0, 1, 2)), atol=192 * scale)
 
 
+@unoptimised
 @pytest.mark.quick
-@pytest.mark.usefixtures("quick_compilation")
 def test_vmap_of_pictures_and_of_gradients():
     """Equal to one after the other, to 1e-6; of twenty scenes, which is more than a native kernel has room for."""
     places = jnp.asarray(np.linspace([[0.8, -0.3, 0.4]], [[-0.5, 0.2, 0.1]], 20), jnp.float32)
@@ -155,6 +159,7 @@ def test_vmap_of_pictures_and_of_gradients():
         np.testing.assert_allclose(gradient, slope, rtol=1e-5, atol=1e-5 * abs(slope).max())
 
 
+@unoptimised
 def test_devices_do_not_matter():
     """Gradients on two devices are those on one, to the rounding of their sums, 1e-6."""
     assert len(jax.devices()) == 2
@@ -163,6 +168,7 @@ def test_devices_do_not_matter():
         np.testing.assert_allclose(gradient[name], value, rtol=1e-6, atol=1e-5)
 
 
+@unoptimised
 def test_wide_packets_backwards_add_up_to_the_same_gradient(monkeypatch):
     """Gradients of as many numbers as a large mesh has are drawn in wider packets than the picture."""
     monkeypatch.setattr(interior, "LARGE", 0)
@@ -175,8 +181,8 @@ def test_wide_packets_backwards_add_up_to_the_same_gradient(monkeypatch):
         np.testing.assert_allclose(wide[name], narrow[name], rtol=1e-5, atol=1e-6, err_msg=name)
 
 
+@unoptimised
 @pytest.mark.quick
-@pytest.mark.usefixtures("quick_compilation")
 def test_hessian_of_the_interior():
     """Direct light ρ I cosθ/(π d²) under a light inside a ball has a closed form, and so has its Hessian: 1e-4."""
     eye, seen, rho, intensity = np.array([0.3, 0.1, 0.2]), np.array([1.2, 0, -1.6]), 0.8, 5.0
@@ -237,6 +243,7 @@ def test_edges_cost_nothing_where_what_changes_moves_none():
 # Random numbers of derivatives
 
 
+@unoptimised
 def test_gradient_key_and_gradient_spp():
     """The picture keeps its own samples; the derivative is that of the other key's picture, to 1e-6."""
     values = chosen(lights_position=[[0.8, -0.3, 0.4]])
@@ -268,12 +275,14 @@ def temporary(depth, spp=SPP):
 STATE = 16 * 8 * (4 * (6 + 3 + 3) + 1)  # bytes of a packet's paths: ray, throughput, radiance and a flag a lane
 
 
+@unoptimised
 def test_memory_does_not_grow_with_samples(figures):
     """Within 10 % from 16 to 1024 samples a pixel."""
     growth = temporary(2, 1024) / temporary(2)
     figures("X8", "memory of a gradient with 1024 samples, per that with 16", ours=growth, at_most=1.1)
 
 
+@unoptimised
 def test_memory_grows_by_one_path_a_bounce(figures):
     share = (temporary(8) - temporary(2)) / (6 * STATE)
     figures("X8", "packets of paths that an event leaves for the backward pass", ours=share, at_most=1)
@@ -283,6 +292,7 @@ def kernels(compiled):
     return compiled.as_text().count('xla_cpu_small_call="true"')
 
 
+@unoptimised
 @pytest.mark.quick
 def test_derivatives_are_native_kernels_and_tangents_share_one():
     """Were the tag lost, derivatives would still be right, and ten times slower.

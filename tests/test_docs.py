@@ -276,13 +276,13 @@ def test_hosts_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_outputs_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """Its command writes layers that are read back; its snippets draw the same, and two frames."""
+    """Its command writes layers that are read back; its snippets draw the same, filtered, and two frames."""
     (tmp_path / "docs").mkdir()
     text = (ROOT / "docs/outputs.toml").read_text().replace("= 160", "= 16").replace("= 128", "= 8")
     (tmp_path / "docs/outputs.toml").write_text(text.replace("max_depth = 4", "max_depth = 1"))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("jaxrt.cli.start.start_jax", lambda cores: None)
-    ((command,), (first, frames)) = blocks("docs/outputs.md", "sh"), blocks("docs/outputs.md", "python")
+    ((command,), (first, smooth, frames)) = blocks("docs/outputs.md", "sh"), blocks("docs/outputs.md", "python")
     assert main([*shlex.split(command)[1:], "--spp", "4"]) == 0, capsys.readouterr().err
     layers = {name: jaxrt.load_image("balls.exr", layer=name) for name in ("depth", "normal", "alpha")}
     picture = jaxrt.load_image("balls.exr")
@@ -292,6 +292,8 @@ def test_outputs_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: p
         np.testing.assert_allclose(layer, names["found"][name], atol=2e-5)
     np.testing.assert_allclose(picture, names["found"]["foreground"], rtol=1e-5, atol=1e-6)
     np.testing.assert_array_equal(names["depth"], names["found"]["depth"])
+    exec(smooth, names)
+    assert names["smooth"].shape == (8, 16, 3)
     exec(frames, names)
     assert names["frames"].shape == (2, 8, 16, 3)
 

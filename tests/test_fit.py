@@ -379,7 +379,8 @@ def test_what_cannot_be_fitted_is_refused_in_one_line(change: dict[str, object],
 
 
 def test_a_killed_run_leaves_its_last_good_state(folder: Path) -> None:
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(folder / "cache")}
+    flags = {"XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=0"}
+    environment = os.environ | flags | {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(folder / "cache")}
     child = subprocess.Popen(
         [sys.executable, "-m", "jaxrt", *command("--max-steps", "100000")],
         stderr=subprocess.PIPE,

@@ -18,18 +18,23 @@ from jaxrt.core.records import SurfacePoint
 from jaxrt.description.kinds import MATERIALS
 from jaxrt.kinds import Albedo, material
 from jaxrt.materials import Materials, scatter
+from jaxrt.materials.conductor import Conductor
 from jaxrt.materials.diffuse import Diffuse
 from jaxrt.materials.glass import Glass
+from jaxrt.materials.plastic import Plastic
 from jaxrt.programs.key import code_of_kinds
 from jaxrt.render import prepare
 from tests.own_kinds import Chalk, Phong
 
+pytestmark = pytest.mark.usefixtures("quick_compilation")
 N = 200_000
 LAMP = {"position": [2, 4, 2], "intensity": 20, "radius": 0.7}
 SURFACE = SurfacePoint(jnp.zeros(3), jnp.asarray([0.0, 0.0, 1.0]), jnp.zeros(()), jnp.int32(0))
 KINDS = {
     "chalk": Chalk(jnp.asarray([0.8, 0.5, 0.2])),
     "phong": Phong(jnp.asarray([0.8, 0.5, 0.2]), jnp.asarray(5.0)),
+    "conductor": Conductor(jnp.asarray([0.8, 0.5, 0.2]), jnp.asarray(0.5)),
+    "plastic": Plastic(jnp.asarray([0.8, 0.5, 0.2]), jnp.asarray(0.5), jnp.asarray(1.5)),
 }
 
 

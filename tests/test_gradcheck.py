@@ -248,6 +248,7 @@ def folder(tmp_path, monkeypatch):
     return working_folder(tmp_path, monkeypatch, LARGE)
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_the_command_tells_and_draws(folder, capsys):
     """Pictures are made small: 64 pixels on the longer side."""
     arguments = ("ball.toml", "materials.albedo[white]", "-o", "a.png", "--spp", 4, "--seeds", 2, "--component", 1)
@@ -261,6 +262,7 @@ def test_the_command_tells_and_draws(folder, capsys):
     assert load_image("a.png").shape == (5 * 48, 3 * 5 * 64 + 16, 3)
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_the_command_fails_where_derivatives_differ(folder, capsys, monkeypatch):
     from jaxrt import gradcheck as package
 

@@ -68,6 +68,7 @@ class Lamp:
         return jnp.asarray([0.0, 1, 0]), jnp.inf, jnp.zeros(3)
 
 
+@pytest.mark.usefixtures("quick_compilation")
 @pytest.mark.parametrize("others", [False, True])
 def test_lights_are_picked_as_often_as_is_said(others: bool) -> None:
     """Chi² at 1e-4; the sum of the shares is 1; the mean of the samples is the sum of the lights, 4σ."""
@@ -93,6 +94,7 @@ def test_lights_are_picked_as_often_as_is_said(others: bool) -> None:
     assert abs(found.mean() - expected.sum()) < 4 * found.std() / N**0.5
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_a_thousand_lights_are_quiet() -> None:
     """Relative noise at 16 spp: 0.04 where lights hang high, 0.13 where some nearly touch the floor.
 
@@ -143,6 +145,7 @@ def first_hit(origin: np.ndarray, ray: np.ndarray, radius: float) -> np.ndarray:
     return np.where(root > 0, b + np.sqrt(np.maximum(root, 0)), -np.inf)
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_derivatives_with_edges_are_those_of_the_closed_form() -> None:
     """All lights move along x, and the ball's shadows with them."""
     places, powers = crowd(24, 5, 9)

@@ -10,7 +10,7 @@ import pytest
 from jax import Array, lax
 
 import jaxrt
-from jaxrt.kernels.native import LARGE, fold_packets, map_packets, once
+from jaxrt.kernels.native import LARGE, fold_packets, in_stages, map_packets, once
 
 pytestmark = pytest.mark.quick
 
@@ -135,3 +135,39 @@ def test_tags_can_be_left_out() -> None:
 
 def test_a_stage_outside_a_kernel_is_plain_code() -> None:
     assert "xla_cpu_small_call" not in jax.jit(once(jnp.sin)).lower(jnp.ones(3)).as_text()
+
+
+@pytest.mark.parametrize("inner", [False, True], ids=["equation by equation", "in a jit of its own"])
+def test_stages_of_any_length_are_native(inner: bool) -> None:
+    """XLA divides a dear operation among threads, which no native kernel can: long stages did not compile."""
+
+    def lobes(x: Array) -> Array:
+        return jnp.asarray(sum(i * jnp.exp(-i * (x - i) ** 2) for i in range(1, 400)))
+
+    f = jax.jit(lobes) if inner else lobes
+
+    def packet(x: Array, i: Array) -> Array:
+        return jax.vmap(in_stages(lambda x: f(x) * x))(x + i.astype(x.dtype))
+
+    x = jnp.linspace(0, 3, 128)
+    found = jax.jit(lambda x: map_packets(packet, x, jnp.arange(2, dtype=jnp.int32)))(x)
+    want = np.stack([np.asarray(x, float), np.asarray(x, float) + 1])
+    want = want * sum(i * np.exp(-i * (want - i) ** 2) for i in range(1, 400))
+    np.testing.assert_allclose(found, want, rtol=2e-3, atol=1e-4)
+
+
+def test_stages_backwards_are_stages() -> None:
+    """What a stage's transpose computes is kept, too, and right."""
+
+    def back(x: Array, i: Array) -> Array:
+        y, pull = jax.vjp(jax.vmap(once(lambda x: jnp.sin(x) * x)), x + i.astype(x.dtype))
+        change: Array = pull(jnp.ones_like(y))[0]
+        return y + change
+
+    x = jnp.linspace(0, 3, 128)
+    program = jax.jit(lambda x: map_packets(back, x, jnp.arange(2, dtype=jnp.int32)))
+    want = np.stack([np.asarray(x, float), np.asarray(x, float) + 1])
+    want = np.sin(want) * want + np.cos(want) * want + np.sin(want)
+    np.testing.assert_allclose(program(x), want, rtol=1e-5, atol=1e-5)
+    # Before compilation: the kernel, the stage and its transpose
+    assert program.lower(x).as_text().count("xla_cpu_small_call") == 3

@@ -121,6 +121,7 @@ def test_the_picture_is_its_foreground_and_its_sky():
     np.testing.assert_allclose(found["foreground"] + found["sky"], found["radiance"], rtol=1e-6, atol=1e-7)
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_alpha_composites():
     """A black sky's picture laid over a colour is the picture under a sky of it that lights nothing: here of balls that
     are black, so that a coloured sky is a background alone."""

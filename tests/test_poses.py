@@ -77,6 +77,7 @@ def cross_matrix(vector):
     return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
 
 
+@pytest.mark.usefixtures("quick_compilation")
 @pytest.mark.parametrize("vector", VECTORS.values(), ids=VECTORS)
 def test_rigid_and_its_derivative_in_closed_form(vector):
     """The derivative of R(ω)p is −[Rp]ₓ J(ω) with J the left Jacobian of SO(3), here by a matrix exponential."""
@@ -101,6 +102,7 @@ def test_rigid_and_its_derivative_in_closed_form(vector):
         np.testing.assert_allclose(again, vector, atol=1e-14)
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_rigid_is_exact_and_smooth_at_none():
     points, nothing = jnp.asarray(np.random.default_rng(1).normal(size=(4, 2, 3)), jnp.float32), jnp.zeros(3)
     np.testing.assert_array_equal(jaxrt.rigid(points, nothing, nothing), points)
@@ -169,6 +171,7 @@ def test_places_are_those_of_the_pose_before(scene, posed):
     np.testing.assert_allclose(jaxrt.parameters(both, "spheres.radius[0]"), 0.5, rtol=1e-6)
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_far_off_scenes_are_posed_near_their_origin():
     far, turn = np.array([1e6, -2e5, 3e5]), Rotation.from_euler("y", 40, degrees=True)
     stays = far - turn.apply(far)  # what keeps in place what turns about the user's origin
@@ -208,6 +211,7 @@ def test_what_is_compiled_knows_nothing_of_poses(scene, posed):
     assert jax.tree.map(jnp.shape, plain) == jax.tree.map(jnp.shape, with_poses)
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_a_turntable_of_a_posed_mesh_is_compiled_once(posed):
     def frame(k):
         turned = jaxrt.with_parameters(posed, {"meshes.rotate[box]": jnp.asarray([0, 30.0 * k, 0])})
@@ -311,6 +315,7 @@ scale = 2
 """
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_poses_are_written_where_they_are_read(tmp_path: Path):
     (tmp_path / "mug.obj").write_text("v -1 0 0\nv 1 0 0\nv 0 2 0\nv 0 0 1\nf 1 2 3\nf 1 4 2\n")
     source = tmp_path / "scene.toml"

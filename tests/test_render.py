@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 import jaxrt
 from jaxrt.render import render_sum
 
+pytestmark = pytest.mark.usefixtures("quick_compilation")
 SIZE = {"width": 40, "height": 24}  # not a multiple of the packets
 
 
@@ -25,8 +26,8 @@ def draw(scene: jaxrt.Scene, **options: Any) -> NDArray[np.float32]:
     return np.asarray(jaxrt.render(scene, 3, **({"spp": 4, "max_depth": 3} | options)))
 
 
-@pytest.fixture(scope="module")
-def picture(small_room: jaxrt.Scene) -> NDArray[np.float32]:
+@pytest.fixture
+def picture(quick_compilation: None, small_room: jaxrt.Scene) -> NDArray[np.float32]:
     return draw(small_room)
 
 

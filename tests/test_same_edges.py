@@ -94,6 +94,7 @@ def slopes(view):
     return {move: np.stack(values) for move, values in found.items()}
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_both_show_the_same_picture():
     views = descriptions().values()
     direct, mirror = (
@@ -111,6 +112,7 @@ def test_edges_move_as_they_do_without(move):
     assert np.all(np.abs(found.mean(0) - truth.mean(0)) < bound)
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_no_shadow_is_looked_for_where_nothing_is_lit_any_more():
     """A mirror shows the shadow of the box, as a second event: after one alone it shows nothing but lights."""
     here = build(descriptions()["mirror"][0], width=SIZE, height=SIZE)

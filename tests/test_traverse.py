@@ -74,6 +74,7 @@ def test_one_ray_finds_what_many_find(ball):
     assert [int(one(table, o[i], d[i])[1]) for i in range(0, 256, 8)] == np.asarray(face)[::8].tolist()
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_packets_narrower_and_wider_than_a_leaf():
     vertices, faces = meshes.icosphere(3)
     triangles, rng, n = triangles_of(vertices, faces), np.random.default_rng(3), 128
@@ -96,6 +97,7 @@ def test_packets_narrower_and_wider_than_a_leaf():
     assert np.array_equal(blocked, true_blocked)
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_float64():
     vertices, faces = meshes.icosphere(3)
     rng, n = np.random.default_rng(2), 1024  # in packets
@@ -151,6 +153,7 @@ def test_wide_packets_draw_the_same_picture():
     assert np.allclose(picture(scene, tile=(64, 32)), picture(scene), rtol=1e-5, atol=0)
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_rays_that_cannot_hit_find_nothing_and_keep_their_reach(ball):
     triangles, o, d, _ = ball
     lanes = np.arange(len(o))
@@ -173,6 +176,7 @@ def test_rays_that_cannot_hit_find_nothing_and_keep_their_reach(ball):
     assert np.array_equal(t[face < 0], farthest[face < 0]) and np.allclose(t, true_t, rtol=1e-5)
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_paths_end_on_nothing_and_on_lamps_but_go_on_from_black():
     """Where an albedo is 0 there is a derivative in it: of what would come that way."""
     scene = floor_scene()

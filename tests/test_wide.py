@@ -108,6 +108,7 @@ def test_f9_a_wide_floor_stops_rays_that_start_near_it(half, height):
         assert np.mean(go_on_of[False](np.tile(corners, (N, 1, 1, 1)), o, d, d)[0] < 0) > 0.5
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_f9_derivatives_of_a_wide_floor_are_those_of_a_narrow_one():
     """Of a place on it, in the ray's origin and the floor's height."""
 
@@ -158,6 +159,7 @@ def _turn(degrees):
     return rotation([0, 0, 1], degrees[2]) @ rotation([0, 1, 0], degrees[1]) @ rotation([1, 0, 0], degrees[0])
 
 
+@pytest.mark.usefixtures("quick_compilation")
 @pytest.mark.parametrize(
     ("half", "tilt", "narrow", "bound"), [(1e6, 0, 3e3, 1e-4), (1e5, 0, 3e3, 1e-4), (1e4, 11, 3e2, 5e-3)]
 )
@@ -178,6 +180,7 @@ def test_only_scenes_with_wide_triangles_take_the_care():
     assert jaxrt.build(alone | {"spheres": [ball]}).triangles.wide
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_f9_the_tree_takes_the_same_care():
     """A wide floor among enough faces for a tree."""
     rng, corners = np.random.default_rng(3), floor(1e6)

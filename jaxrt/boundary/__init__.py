@@ -5,6 +5,7 @@ from its boundary: automatic differentiation of the samples inside misses it. He
 points of a weight times the derivative of the clearance (`clearance.py`); the value of a picture is not touched.
 """
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -19,6 +20,8 @@ from jaxrt.boundary.lines import line_edges
 from jaxrt.boundary.outlines import camera_edges
 from jaxrt.boundary.shadows import Plan, shadow_edges
 from jaxrt.boundary.trail import with_trails
+from jaxrt.cameras import Padded
+from jaxrt.filters import Filter
 from jaxrt.kernels.native import as_operand
 from jaxrt.kernels.sealed import sealed
 from jaxrt.scene import Scene
@@ -31,7 +34,7 @@ __all__ = ["EdgeSamples", "Plan", "clearance_of", "edge_tangent", "sample_edges"
 @partial(jax.jit, static_argnames="plan")
 def sample_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
     """Return samples of all edges that move. seed: () uint32."""
-    scene = as_operand(scene)
+    scene = _with_margin(as_operand(scene), plan.filter)
     samplers = [shadow_edges, camera_edges, line_edges, bounced_edges, caustic_edges]
     if plan.outputs:
         samplers = [camera_edges, line_edges]
@@ -46,15 +49,26 @@ def edge_tangent(scene: Scene, tangent: Any, seed: Array, plan: Plan) -> Array:
     and transposition; there is no second derivative.
     """
     samples = sealed(partial(sample_edges, plan=plan), scene, seed)
-    return _picture_change(scene, tangent, samples, channels(plan.outputs))
+    return _picture_change(scene, tangent, samples, channels(plan.outputs), plan.filter)
 
 
-@partial(jax.jit, static_argnums=3)
-def _picture_change(scene: Scene, tangent: Any, groups: tuple[EdgeSamples, ...], numbers: int) -> Array:
+@partial(jax.jit, static_argnums=(3, 4))
+def _picture_change(
+    scene: Scene, tangent: Any, groups: tuple[EdgeSamples, ...], numbers: int, filter: Filter | None
+) -> Array:
     """Return what the samples' clearances change in the picture, of so many numbers a pixel."""
     scene, size = as_operand(scene), (scene.camera.width, scene.camera.height)
     total = jnp.zeros((size[1], size[0], numbers), scene.dtype)
     for samples in groups:
-        _, change = jax.jvp(partial(clearance_of, samples=samples), (scene,), (tangent,))
-        total += splat(samples, change, size)
+
+        def clearance(scene: Scene, samples: EdgeSamples = samples) -> Array:
+            return clearance_of(_with_margin(scene, filter), samples)
+
+        _, change = jax.jvp(clearance, (scene,), (tangent,))
+        total += splat(samples, change, size, filter)
     return total
+
+
+def _with_margin(scene: Scene, filter: Filter | None) -> Scene:
+    """Return the scene whose camera sees beyond its borders what a filter sees there."""
+    return scene if filter is None else replace(scene, camera=Padded(scene.camera, filter.margin))

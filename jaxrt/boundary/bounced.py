@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.boundary.anchors import occluder_anchors
-from jaxrt.boundary.clearance import EdgeSamples, Path, Turn
+from jaxrt.boundary.clearance import EdgeSamples, Path, Turn, beside
 from jaxrt.boundary.guiding import Draw, one_of_both, place, sample_guided
 from jaxrt.boundary.lookouts import Lookouts, lookouts_at, nearest_lookout, point_seen
 from jaxrt.boundary.outlines import LIGHTS_ONLY, both_sides
@@ -26,7 +26,7 @@ from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.core.samplers import Stream, independent
 from jaxrt.core.sampling import numbers_of_direction
-from jaxrt.kernels.native import map_packets, once
+from jaxrt.kernels.native import in_stages, map_packets, once
 from jaxrt.materials import scatter
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, leave, surface_point
@@ -116,16 +116,19 @@ def _sample(plan: Plan, events: int, operands: BouncedTables, draw: Draw) -> tup
         jnp.minimum(y.astype(jnp.int32), camera.height - 1),
     )
     pixel = jnp.where(seen, row * camera.width + column, camera.width * camera.height)
+    seen_at = None if plan.filter is None else beside(jnp.stack([x, y])[None], plan.filter)
     # How it moves
     anchors = occluder_anchors(outlines, plan.geometry_moves, grazing.row, grazing.t, grazing.rim)
     if not plan.geometry_moves:
-        return EdgeSamples(pixel[None], weight[None], None, None, (anchors,)), jnp.sum(jnp.abs(weight))
+        samples = EdgeSamples(pixel[None], weight[None], None, None, (anchors,), place=seen_at)
+        return samples, jnp.sum(jnp.abs(weight))
     direction = normalize(grazing.rim.point - eye)
     factor = jnp.where(seen, grazing.rim.normal, 0)
     change = Ray(factor, grazing.rim.distance * factor)
     turns = _aimed(arrivals.turn, last, once(numbers_of_direction)(facing, direction))
     path = Path(turns, last, change, jnp.stack([x, y]), lens=camera.lens)
-    return EdgeSamples(pixel[None], weight[None], None, None, (anchors,), path=path), jnp.sum(jnp.abs(weight))
+    samples = EdgeSamples(pixel[None], weight[None], None, None, (anchors,), path=path, place=seen_at)
+    return samples, jnp.sum(jnp.abs(weight))
 
 
 def _path(tables: Tables, ray: Ray, stream: Stream, events: int) -> Arrival:
@@ -136,7 +139,7 @@ def _path(tables: Tables, ray: Ray, stream: Stream, events: int) -> Arrival:
         hit = once(find)(tables.geometry, ray)
         point = once(surface_point)(tables.geometry, ray, hit)
         _, _, *u = (x.astype(throughput.dtype) for x in independent(stream, k))
-        scattering = once(scatter)(tables.materials, point, -ray.direction, (u[0], u[1]))
+        scattering = in_stages(scatter)(tables.materials, point, -ray.direction, (u[0], u[1]))
         onward = jnp.where(hit.valid, throughput * scattering.weight, 0)
         arrival = Arrival(Turn(ray, hit.index, (u[0], u[1])), jnp.where(scattering.diffuse, onward, 0))
         return (once(leave)(point, scattering.direction), onward), arrival

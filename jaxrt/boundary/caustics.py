@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.boundary.anchors import occluder_anchors
-from jaxrt.boundary.clearance import EdgeSamples
+from jaxrt.boundary.clearance import EdgeSamples, beside
 from jaxrt.boundary.guiding import Draw, Placed, place, sample_guided
 from jaxrt.boundary.shadows import (
     BEYOND,
@@ -254,11 +254,13 @@ def _followed(plan: Plan, operands: CausticTables, draw: Draw, light: Grazing) -
     measure = jnp.sum(vertices.weight)
     anchors = occluder_anchors(operands.outlines, plan.geometry_moves, light.row, light.t, rim)
     if not plan.geometry_moves:
-        return EdgeSamples(vertices.pixel, light.sign * vertices.weight, None, None, (anchors,)), measure
+        places = beside(vertices.view.image, plan.filter)
+        return EdgeSamples(vertices.pixel, light.sign * vertices.weight, None, None, (anchors,), place=places), measure
     choice = independent(draw.stream, 0)[0].astype(light.t.dtype)
     shown, number = one_of(vertices, choice)
     away = rim.point - vertices.point.position[0]
     change = Ray(rim.normal, safe_sqrt(dot(away, away)) * rim.normal)
     path = path_from(tables, vertices, shown, number, change, rim.point)
-    samples = EdgeSamples(shown.pixel[None], light.sign * shown.weight[None], None, None, (anchors,), path=path)
+    weight, seen = light.sign * shown.weight[None], beside(shown.view.image[None], plan.filter)
+    samples = EdgeSamples(shown.pixel[None], weight, None, None, (anchors,), path=path, place=seen)
     return samples, measure

@@ -23,6 +23,7 @@ from jax import Array, lax
 from jaxrt.cameras import view_of
 from jaxrt.core.pytree import dtype_of, pytree
 from jaxrt.core.records import Ray
+from jaxrt.filters import Filter
 from jaxrt.lights import Lights, casters_of
 from jaxrt.materials import Materials
 from jaxrt.scene import Scene
@@ -114,6 +115,7 @@ class EdgeSamples:
     anchors: tuple[Anchors, ...]
     trail: Trail | None = None
     path: Path | None = None  # (m,) from which view and trail are yet to be found
+    place: Array | None = None  # (m, k, 2) from the pixel's middle, in pixels; None where a pixel is all that counts
 
 
 def clearance_of(scene: Scene, samples: EdgeSamples) -> Array:
@@ -131,12 +133,44 @@ def clearance_of(scene: Scene, samples: EdgeSamples) -> Array:
     return clearance
 
 
-def splat(samples: EdgeSamples, change: Array, size: tuple[int, int]) -> Array:
-    """Return the picture (height, width, c) that changes (m,) of the clearances make. size: width, height."""
+def beside(image: Array, filter: Filter | None) -> Array | None:
+    """Return how far (…, 2) image points are from the middles of their pixels; None without a filter."""
+    return None if filter is None else image - jnp.floor(image) - 0.5
+
+
+def splat(samples: EdgeSamples, change: Array, size: tuple[int, int], filter: Filter | None = None) -> Array:
+    """Return the picture (height, width, c) that changes (m,) of the clearances make. size: width, height.
+
+    filter: by which each counts in the pixels around; the samples' own pixels are then those of a picture with the
+    filter's margin.
+    """
     (width, height), channels = size, samples.weight.shape[-1]
     light = (samples.weight * change[:, None, None]).reshape(-1, channels)
-    picture = jnp.zeros((height * width, channels), light.dtype).at[samples.pixel.ravel()].add(light, mode="drop")
+    picture = jnp.zeros((height * width, channels), light.dtype)
+    if filter is None:
+        picture = picture.at[samples.pixel.ravel()].add(light, mode="drop")
+    else:
+        picture = _spread(samples, light, picture, size, filter)
     return picture.reshape(height, width, channels)
+
+
+def _spread(samples: EdgeSamples, light: Array, picture: Array, size: tuple[int, int], filter: Filter) -> Array:
+    """Return the picture (pixels, c) with light (n, c) added, shared among all pixels around by a filter."""
+    assert samples.place is not None
+    (width, height), margin, place = size, filter.margin, samples.place.reshape(-1, 2)
+    pixel, across, side = samples.pixel.ravel(), width + 2 * margin, 2 * margin + 1
+    column, row = pixel % across - margin, pixel // across - margin
+
+    def add(picture: Array, number: Array) -> tuple[Array, None]:
+        right, down = number % side - margin, number // side - margin
+        share = filter.weight(place[:, 0] - right.astype(place.dtype))
+        share *= filter.weight(place[:, 1] - down.astype(place.dtype))
+        x, y = column + right, row + down
+        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+        chosen = jnp.where(inside, y * width + x, width * height)
+        return picture.at[chosen].add(share[:, None] * light, mode="drop"), None
+
+    return lax.scan(add, picture, jnp.arange(side * side, dtype=pixel.dtype))[0]
 
 
 def _light_points(lights: Lights, points: LightPoints) -> Array:

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.boundary.anchors import occluder_anchors
-from jaxrt.boundary.clearance import EdgeSamples, ViewRays
+from jaxrt.boundary.clearance import EdgeSamples, ViewRays, beside
 from jaxrt.boundary.guiding import Draw, place, sample_guided
 from jaxrt.boundary.shadows import NUDGE, Plan, bins_for
 from jaxrt.boundary.silhouettes import Afar, Eye, Rim, Silhouettes, angular_lengths, edge_table, rim_at
@@ -99,7 +99,9 @@ def _sample(plan: Plan, bins: int, operands: OutlineTables, draw: Draw) -> tuple
     rays = None
     if plan.geometry_moves:
         rays = ViewRays(view.image, facing, jnp.where(seen, view.depth, 0) * facing, camera.lens)
-    return EdgeSamples(pixel[None], weight[None], None, rays, (occluder,)), jnp.sum(jnp.abs(weight))
+    seen_at = beside(view.image[None], plan.filter)
+    samples = EdgeSamples(pixel[None], weight[None], None, rays, (occluder,), place=seen_at)
+    return samples, jnp.sum(jnp.abs(weight))
 
 
 def _radiances(

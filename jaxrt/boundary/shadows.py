@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.boundary.anchors import occluder_anchors, surface_anchors
-from jaxrt.boundary.clearance import Anchors, EdgeSamples, LightPoints, ViewRays
+from jaxrt.boundary.clearance import Anchors, EdgeSamples, LightPoints, ViewRays, beside
 from jaxrt.boundary.guiding import Draw, place, sample_guided
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, edge_table, rim_at
 from jaxrt.boundary.trail import Vertex, one_of, path_from, through_lens
@@ -30,7 +30,8 @@ from jaxrt.core.sampling import (
     sample_cosine_hemisphere,
     sample_uniform_sphere,
 )
-from jaxrt.kernels.native import once
+from jaxrt.filters import Filter
+from jaxrt.kernels.native import in_stages, once
 from jaxrt.lights import Lights, LightTable, casters_of, intensity_toward
 from jaxrt.materials import Scattering, evaluate, scatter
 from jaxrt.scene import Scene
@@ -56,6 +57,7 @@ class Plan(NamedTuple):
     lights_move: bool
     devices: tuple[jax.Device, ...]
     outputs: tuple[Output, ...] = ()  # whose edges are wanted, instead of those of radiance
+    filter: Filter | None = None  # by which film counts in pixels; None: a box
 
 
 @pytree
@@ -239,7 +241,7 @@ def vertex(tables: Tables, draw: Draw, bent: bool, carrier: Carrier, k: Array) -
     arrived = hit.valid & (travelled > carrier.least)
     wo = -carrier.ray.direction
     _, _, *u = (x.astype(wo.dtype) for x in independent(draw.stream, k + 1))
-    scattering = once(scatter)(tables.materials, point, wo, (u[0], u[1]))
+    scattering = in_stages(scatter)(tables.materials, point, wo, (u[0], u[1]))
     arriving = carrier.flux * _tilt(point, wo)
     passes = arrived & ((scattering.specular if bent else scattering.lit) | (k > 0))
     # Show it to the camera
@@ -264,7 +266,7 @@ def _toward_camera(
     if scattering.glossy is None:
         return sent
     eye = normalize(tables.camera.eye(point.position) - point.position)
-    value = once(evaluate)(tables.materials, point, eye, wo)[0]
+    value = in_stages(evaluate)(tables.materials, point, eye, wo)[0]
     cosine = jnp.abs(dot(point.shading, wo)) * jnp.ones_like(value)
     return jnp.where(scattering.glossy, arriving * safe_divide(value, cosine) * share, sent)
 
@@ -279,7 +281,7 @@ def _power_kept(tables: Tables, point: SurfacePoint, wo: Array, scattering: Scat
         return scattering.weight
     through = dot(point.shading, wo) * dot(point.shading, scattering.direction) < 0
     lobe = jnp.where(through, LAST, 0).astype(wo.dtype)
-    back = once(scatter)(tables.materials, point, scattering.direction, (lobe, lobe)).weight
+    back = in_stages(scatter)(tables.materials, point, scattering.direction, (lobe, lobe)).weight
     squared = jnp.where(scattering.specular, scattering.weight * back, 1)
     return jnp.where(scattering.specular, safe_sqrt(squared), scattering.weight)
 
@@ -335,22 +337,25 @@ def _edge_samples(
     choice: Array | None,
 ) -> tuple[EdgeSamples, ...]:
     """Return the weights of a line and the constants of its clearance. choice: () in [0, 1)."""
-    s = _along(rim, source, receiver)
+    s, places = _along(rim, source, receiver), beside(vertices.view.image, plan.filter)
     points = LightPoints(light, source.omega, (1 - s) * rim.normal)
     occluder = occluder_anchors(operands.outlines, operands.faces is not None, row, t, rim)
     if not plan.geometry_moves:
         # Lights move, which among several may cast shadows too
         crowd = operands.outlines.spheres_count > operands.tables.first_light
-        return (EdgeSamples(vertices.pixel, vertices.weight, points, None, (occluder,) if crowd else ()),)
+        casters = (occluder,) if crowd else ()
+        return (EdgeSamples(vertices.pixel, vertices.weight, points, None, casters, place=places),)
     view, anchors = _attached(operands, receiver, s * rim.normal)
     moving = points if plan.lights_move else None
-    first = EdgeSamples(vertices.pixel[:1], vertices.weight[:1], moving, view, (anchors, occluder))
+    place = None if places is None else places[:1]
+    first = EdgeSamples(vertices.pixel[:1], vertices.weight[:1], moving, view, (anchors, occluder), place=place)
     if plan.max_depth == 1 or choice is None:
         return (first,)
     shown, chosen = one_of(vertices, choice)
     factor = s * rim.normal
     path = path_from(operands.tables, vertices, shown, chosen, Ray(factor, jnp.zeros_like(factor)), None)
-    return first, EdgeSamples(shown.pixel[None], shown.weight[None], moving, None, (occluder,), path=path)
+    place = beside(shown.view.image[None], plan.filter)
+    return first, EdgeSamples(shown.pixel[None], shown.weight[None], moving, None, (occluder,), path=path, place=place)
 
 
 def _attached(operands: ShadowTables, receiver: Vertex, factor: Array) -> tuple[ViewRays, Anchors]:

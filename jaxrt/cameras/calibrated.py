@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
@@ -15,7 +16,7 @@ from jaxrt.description.fields import Coefficient, Positive, Real
 from jaxrt.description.kinds import camera
 from jaxrt.description.values import Count, complaint, plain, show
 
-STEPS = 8  # of Newton's method, of which the last two carry derivatives, the second one too
+STEPS = 8  # of Newton's method
 SIDE = 8.0  # tangent of the widest angle to the axis, 83 degrees: whatever a step is, it stays within
 SAME = 1e-3  # of a tangent: as near to a place its image's ray must pass, for the place to be in view
 
@@ -63,16 +64,24 @@ class Distortion(NamedTuple):
         y = y - safe_divide(xx * off_y - xy * off_x, area)
         return jnp.clip(x, -SIDE, SIDE), jnp.clip(y, -SIDE, SIDE)
 
-    def undone(self, goal: Pair) -> Pair:
-        """Return the place that is moved to `goal`; derivatives follow by the last steps."""
-        fixed, wanted = lax.stop_gradient((self, goal))
-        place = wanted
-        for _ in range(STEPS - 2):
-            place = fixed.nearer(*place, wanted)
-        place = lax.stop_gradient(place)
-        for _ in range(2):
-            place = self.nearer(*place, goal)
-        return place
+
+@jax.custom_jvp
+def undone(distortion: Distortion, goal: Pair) -> Pair:
+    """Return the place that is moved to `goal`, by Newton's method: a loop, for each ray of each edge is found so."""
+
+    def step(_: Array, place: Pair) -> Pair:
+        return distortion.nearer(place[0], place[1], goal)
+
+    place: Pair = lax.fori_loop(0, STEPS, step, goal)
+    return place
+
+
+@undone.defjvp
+def _undone_jvp(primals: tuple[Distortion, Pair], tangents: tuple[Distortion, Pair]) -> tuple[Pair, Pair]:
+    """Return it with its change, which is that of a step from there."""
+    place = undone(*primals)
+    _, change = jax.jvp(lambda distortion, goal: distortion.nearer(*place, goal), primals, tangents)
+    return place, change
 
 
 @camera
@@ -131,7 +140,7 @@ class Calibrated(Looking):
         column, row = image[0] * (self.size[0] / self.width), image[1] * (self.size[1] / self.height)
         place = (column - self.cx) / self.fx, (row - self.cy) / self.fy
         distortion = self._distortion()
-        x, y = place if distortion is None else distortion.undone(place)
+        x, y = place if distortion is None else undone(distortion, place)
         return x, y, jnp.ones_like(x)
 
     def image_of(self, seen: tuple[Array, Array, Array]) -> tuple[Pair, Array]:
@@ -144,7 +153,7 @@ class Calibrated(Looking):
             ahead = ahead & (jnp.maximum(jnp.abs(x), jnp.abs(y)) < SIDE)
             x, y = (jnp.clip(side, -SIDE, SIDE) for side in (x, y))
             moved = distortion(x, y)
-            back = distortion.undone(moved)
+            back = undone(*lax.stop_gradient((distortion, moved)))
             ahead = ahead & (jnp.abs(back[0] - x) + jnp.abs(back[1] - y) < SAME)
             x, y = moved
         column, row = self.fx * x + self.cx, self.fy * y + self.cy

@@ -29,6 +29,7 @@ def facts_of(scene: Scene, plan: Plan, seed: int, spp: int) -> Facts:
         "sampler": plan.sampler,
         "spp": spp,
         "max_depth": plan.max_depth,
+        "filter": "box" if plan.filter is None else f"{plan.filter.name} {plan.filter.width:g}",
         "scene": _hash_of(scene),
         MACHINE: _processor(plan.devices[0]),
     }

@@ -25,6 +25,7 @@ from jaxrt.description.values import (
     SHORTEST,
     Count,
     Name,
+    Number,
     Pair,
     Radius,
     Rgb,
@@ -35,6 +36,7 @@ from jaxrt.description.values import (
     three,
     told,
 )
+from jaxrt.filters import BOX, filter_of
 
 __all__ = [
     "EnvironmentDescription",
@@ -59,6 +61,17 @@ class RenderDefaults(Table):
 
     spp: Count = 64
     max_depth: Count = 5
+    filter: Name = BOX
+    filter_width: Number | None = None  # pixels, from end to end
+
+    @model_validator(mode="after")
+    def _check_filter(self) -> Self:
+        try:
+            filter_of(self.filter, self.filter_width)
+        except ValueError as error:
+            key, told = str(error).split(": ", 1)
+            raise complaint(told, key) from None
+        return self
 
 
 class EnvironmentDescription(Table):

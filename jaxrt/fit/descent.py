@@ -25,9 +25,10 @@ class Stage(NamedTuple):
     enough: float  # relative gain of a step that ends the stage
     patience: int  # steps without gain that end it: a finer stage looks better than a shorter step
     blur: float  # of the pictures, where outlines move: standard deviation as a share of the shorter side
+    turning: bool = True  # whether things turn whose places are sought: much blurred, all of them look alike
 
 
-STAGES = (Stage(16, 3e-2, 2, 0.1), Stage(4, 1e-2, 2, 0.03), Stage(1, 1e-3, 4, 0.0))
+STAGES = (Stage(16, 3e-2, 2, 0.1, False), Stage(4, 1e-2, 2, 0.03), Stage(1, 1e-3, 4, 0.0))
 DONE = len(STAGES) + 1  # number of stages, with the last steps of `_polish`
 SLOW = 2  # steps of little gain that end a stage
 POLISH = 4  # steps at the end that take the bias of one set of samples away
@@ -115,7 +116,7 @@ def _samples(spp: int, stage: int) -> int:
 
 def _drawing(spp: int, stage: int, rounds: int = 1) -> Drawing:
     """Return how the pictures of a stage are drawn."""
-    return Drawing(_samples(spp, stage), STAGES[stage].blur, rounds)
+    return Drawing(_samples(spp, stage), STAGES[stage].blur, rounds, STAGES[stage].turning)
 
 
 def _steps(machine: Machine, now: Progress, spp: int, seed: int, max_steps: int) -> Iterator[tuple[Look, Progress]]:

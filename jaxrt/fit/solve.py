@@ -27,9 +27,11 @@ from jaxrt.kernels.jacobian import value_and_jacobian
 from jaxrt.render import draw_sum, prepare
 from jaxrt.scene import Scene
 from jaxrt.scene.measures import bends_light, moves_lamps, moves_shapes
+from jaxrt.transport.outputs import Output
 
 Floats = NDArray[np.float64]
 Vector = NDArray[np.floating]
+Arguments = tuple[Any, Any, Any, Any, Any, Any]  # of a problem, seed, spp, rounds, filters, what is held
 
 EDGES_PER_PIXEL = 4  # in one round
 MOST_ROUNDS = 16  # of edge samples, where noise hides what moving edges change
@@ -61,12 +63,13 @@ class Problem:
 
     scene: Scene
     unknowns: Unknowns
-    target: Array  # (height, width, 3) linear radiance
-    weight: Array  # (height, width, 3) 1, or 0 where the target is not to be trusted
+    target: Array  # (height, width, channels) linear radiance, or the outputs
+    weight: Array  # of its shape: 1, or 0 where the target is not to be trusted
     max_depth: int | None = None
     sampler: str = "sobol"
     boundary_samples: int | None = None  # of each view; None: 4 a pixel where edges move that are known
     cameras: tuple[Any, ...] = ()  # of several views, the scene's own first; their targets stand one below the other
+    outputs: tuple[Output, ...] = ()  # that the target shows, as masks; none: radiance
 
     @property
     def views(self) -> tuple[Any, ...]:
@@ -110,6 +113,7 @@ class Drawing(NamedTuple):
     spp: int
     blur: float = 0.0  # where the problem `blurs`: standard deviation, as a share of the picture's shorter side
     rounds: int = 1  # of edge samples
+    turning: bool = True  # whether things turn whose places are sought too
 
 
 class Machine:
@@ -150,9 +154,11 @@ class Machine:
         other._constants = _constants(problem)
         return other
 
-    def _arguments(self, seed: int, how: Drawing) -> tuple[Any, Any, Any, Any, Any]:
+    def _arguments(self, seed: int, how: Drawing) -> Arguments:
         blurs = _filters(self.problem, how.blur, self.start.dtype) if self.problem.blurs else None
-        return self._constants, np.uint32(seed), np.int32(how.spp), np.int32(how.rounds), blurs
+        turns = self.problem.unknowns.turns_of_placed
+        held = turns & (not how.turning) if turns.any() else None
+        return self._constants, np.uint32(seed), np.int32(how.spp), np.int32(how.rounds), blurs, held
 
     def _from(self, vector: Vector, seed: int, how: Drawing, step_size: float | None) -> Iterator[tuple[Vector, Any]]:
         """Yield the best vector and the solver's state after each step, the first of which only looks at `vector`."""
@@ -212,21 +218,21 @@ def _constants(problem: Problem) -> tuple[Any, ...]:
     return problem.scene, problem.cameras, problem.target, problem.weight * (GAIN / problem.scale)
 
 
-def _linear_model(
-    problem: Problem, vector: Array, arguments: tuple[Any, Array, Array, Array, Any]
-) -> tuple[Array, tuple[Array, Array]]:
+def _linear_model(problem: Problem, vector: Array, arguments: Arguments) -> tuple[Array, tuple[Array, Array]]:
     """Return the residual (n,) as a function of `vector`, linear around it, and (residual, Jacobian)."""
-    (scene, cameras, target, weight), seed, spp, rounds, filters = arguments
+    (scene, cameras, target, weight), seed, spp, rounds, filters, held = arguments
+    here = lax.stop_gradient(vector)
 
     def residual(vector: Array) -> Array:
+        free = vector if held is None else jnp.where(held, here, vector)
+
         def draw(view: Scene, seed: Array) -> Array:
-            moved, edges = problem.unknowns.apply(view, vector), problem.edges_of(view.camera)
-            return picture_of(moved, seed, spp, problem.max_depth, problem.sampler, edges, rounds)
+            moved, edges = problem.unknowns.apply(view, free), problem.edges_of(view.camera)
+            return picture_of(moved, seed, spp, problem.max_depth, problem.sampler, edges, rounds, problem.outputs)
 
         picture = draw_views(draw, scene, cameras, seed) if cameras else draw(scene, seed)
         return _blurred((picture - target) * weight, filters).ravel()
 
-    here = lax.stop_gradient(vector)
     value, jacobian = value_and_jacobian(residual, here)
     return value + jnp.matmul(jacobian, vector - here, precision=lax.Precision.HIGHEST), (value, jacobian)
 
@@ -253,7 +259,7 @@ def _gaussian(size: int, width: float, dtype: Any) -> Vector:
 
 
 def _blurred(picture: Array, filters: tuple[Array, Array] | None) -> Array:
-    """Return the picture (height, width, 3), blurred by matrices for both axes, or as it is."""
+    """Return the picture (height, width, c), blurred by matrices for both axes, or as it is."""
     if filters is None:
         return picture
     rows, columns = filters
@@ -262,15 +268,22 @@ def _blurred(picture: Array, filters: tuple[Array, Array] | None) -> Array:
 
 
 def picture_of(
-    scene: Scene, seed: Array, spp: Array, max_depth: int | None, sampler: str, edges: int, rounds: Array
+    scene: Scene,
+    seed: Array,
+    spp: Array,
+    max_depth: int | None,
+    sampler: str,
+    edges: int,
+    rounds: Array,
+    outputs: tuple[Output, ...] = (),
 ) -> Array:
     """Return what `jaxrt.render` returns, with a seed and counts that may change without compiling again."""
-    plain, run, plan = prepare(scene, seed, 0, spp, spp, max_depth=max_depth, sampler=sampler)
+    plain, run, plan = prepare(scene, seed, 0, spp, spp, max_depth=max_depth, sampler=sampler, outputs=outputs)
     total = draw_sum(plain, run, plan)
     picture = total / spp.astype(total.dtype)
     if edges == 0:
         return picture
-    budget = boundary.Plan(edges, plan.max_depth, False, False, plan.devices)
+    budget = boundary.Plan(edges, plan.max_depth, False, False, plan.devices, outputs, filter=plan.filter)
 
     def more(number: Array, sum_of: Array) -> Array:
         # Far from the seeds that a fit takes one by one

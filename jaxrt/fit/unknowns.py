@@ -67,6 +67,16 @@ class Unknowns(NamedTuple):
         """Return the name of each component of the vector."""
         return [label for row in self.rows for label in row.labels()]
 
+    @property
+    def turns_of_placed(self) -> NDArray[np.bool_]:
+        """Return which components (k,) of the vector turn a thing whose place is sought too."""
+        sought = {row.selector for row in self.rows}
+
+        def placed(turn: Selector) -> bool:
+            return turn._replace(name=turn.name.removesuffix("rotate") + "translate") in sought
+
+        return np.concatenate([np.full(row.size, placed(row.selector)) for row in self.rows])
+
     def vector(self, scene: Scene) -> NDArray[np.floating]:
         """Return the vector (k,) of the scene's own values, kept a little inside the bounds."""
         values = parameters(scene)

@@ -160,7 +160,9 @@ def _derivative(
 
     def edges(x: Array) -> Array:
         plain, run, plan = prepare(with_parameters(scene, {name: x}), key, 0, spp, spp, max_depth=max_depth)
-        return moving_edges(plain, run.seed, boundary.Plan(n, plan.max_depth, False, False, plan.devices))
+        return moving_edges(
+            plain, run.seed, boundary.Plan(n, plan.max_depth, False, False, plan.devices, filter=plan.filter)
+        )
 
     interior = jax.jvp(inside, (value,), (direction,))[1]
     return interior, jax.jvp(edges, (value,), (direction,))[1] if n else jnp.zeros_like(interior)

@@ -17,9 +17,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
-from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend.core import ClosedJaxpr
 from jax.sharding import Mesh, NamedSharding, PartitionSpec, get_abstract_mesh, use_abstract_mesh
+
+from jaxrt.kernels.stages import stage, stages, tagged
 
 LARGE = 100_000  # numbers: a leaf of more is not worth copying to join it with others
 
@@ -90,7 +91,7 @@ def _call(loop: Callable[[Operands, Array], Result], operands: Operands, packets
     # A tagged call with an operand that turns out unused aborts the process (jaxlib 0.10.1: "All or none of the slices
     # should have an explicit index"). So all go in as a few arrays, behind a barrier that keeps constants out of the
     # call, and a number of each comes out again.
-    call = _tagged(unpacked) if native else unpacked
+    call = tagged(unpacked) if native else unpacked
     return lax.optimization_barrier(call(lax.optimization_barrier(parcels), packets))[0]
 
 
@@ -177,18 +178,17 @@ def one_mesh() -> AbstractContextManager[None]:
 def once(f: Callable[..., Result]) -> Callable[..., Result]:
     """Return f as a stage of a native kernel: its results are computed once and kept, however many uses they have.
 
-    Without it, XLA's CPU backend computes a value anew in each operation that uses it, and their number multiplies from
-    stage to stage. Outside `map_packets` it does nothing.
+    Outside `map_packets` it does nothing.
     """
-    return lambda *operands: (_tagged(f) if _native.get() else f)(*operands)
+    return lambda *operands: (stage(f) if _native.get() else f)(*operands)
+
+
+def in_stages(f: Callable[..., Result]) -> Callable[..., Result]:
+    """Return f as `once` does, in as many stages as its length asks for: kinds are as long as their authors like."""
+    return lambda *operands: (stages(f) if _native.get() else f)(*operands)
 
 
 _native = ContextVar("_native", default=False)  # whether a native kernel is being traced
-
-
-def _tagged(f: Callable[..., Result]) -> Callable[..., Result]:
-    call = jax.jit(f)
-    return lambda *operands: set_xla_metadata(call(*operands), xla_cpu_small_call="true", inlineable="false")
 
 
 def _pack(tree: Operands) -> tuple[dict[str, Array], Callable[[dict[str, Array]], Operands]]:

@@ -23,7 +23,7 @@ from jaxrt.textures.recording import WIDTH
 
 __all__ = ["Materials", "Scattering", "albedo_of", "evaluate", "scatter", "single"]
 
-MATERIALS.load("diffuse", "mirror", "glass")  # one file each, numbered in this order
+MATERIALS.load("diffuse", "mirror", "glass", "conductor", "plastic")  # one file each, numbered in this order
 _TEXTURES = "textures"
 
 
@@ -139,12 +139,11 @@ def scatter(materials: Materials, surface: SurfacePoint, wo: Array, u: tuple[Arr
 
 def _sample_glossy(one: Any, surface: SurfacePoint, wo: Array, u: tuple[Array, Array]) -> tuple[Array, Array, Array]:
     """Return direction, weight and density of the direction at a surface of one glossy material."""
-    direction, weight = lax.stop_gradient(one).sample(surface, wo, u)
-    value, pdf = one.evaluate(*lax.stop_gradient((surface, wo, direction)))
-    pdf = lax.stop_gradient(pdf)
-    # 0, with the derivative of f cosθ / pdf in the material alone
-    change = safe_divide(value - lax.stop_gradient(value), pdf * jnp.ones_like(value))
-    return direction, weight + change, pdf
+    held = lax.stop_gradient(one)
+    direction, _ = held.sample(surface, wo, u)
+    value, _ = one.evaluate(surface, wo, direction)
+    _, pdf = held.evaluate(surface, wo, direction)
+    return direction, safe_divide(value, pdf * jnp.ones_like(value)), lax.stop_gradient(pdf)
 
 
 def evaluate(materials: Materials, surface: SurfacePoint, wo: Array, wi: Array) -> tuple[Array, Array]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from jaxrt.core.maths import kahan_add
 from jaxrt.core.samplers import SAMPLERS, Stream
+from jaxrt.filters import Filter
 from jaxrt.kernels.gather import take
 from jaxrt.kernels.native import fold_packets, map_packets, on_devices
 from jaxrt.transport.outputs import Output, channels, first_met, numbers_met
@@ -40,6 +41,7 @@ class Plan(NamedTuple):
     shares: int = SHARES
     outputs: tuple[Output, ...] = ()  # what is drawn instead of radiance
     size: tuple[int, int] | None = None  # columns, rows of what is drawn; None: of the whole picture
+    filter: Filter | None = None  # by which film counts in pixels; None: a box
 
     @property
     def channels(self) -> int:
@@ -115,7 +117,10 @@ def _sample(
         return a.astype(dtype), b.astype(dtype), c.astype(dtype), d.astype(dtype)
 
     jitter = numbers(0)
-    ray = tables.camera.ray((x.astype(dtype) + jitter[0], y.astype(dtype) + jitter[1]), jitter[2:])
+    across, down = jitter[:2]
+    if plan.filter is not None:
+        across, down = 0.5 + plan.filter.place(across), 0.5 + plan.filter.place(down)
+    ray = tables.camera.ray((x.astype(dtype) + across, y.astype(dtype) + down), jitter[2:])
     if plan.outputs:
         return first_met(plan.outputs, tables if marks is None else marked(tables, marks[0]), ray)
     return radiance(tables, ray, numbers, plan.max_depth, plan.unroll, attached, marks)

@@ -18,7 +18,7 @@ from jaxrt.cameras import View, view_of
 from jaxrt.core.maths import dot, face_forward, safe_divide
 from jaxrt.core.pytree import dtype_of, pytree, static
 from jaxrt.core.records import Hit, LightSample, Ray, SurfacePoint
-from jaxrt.kernels.native import once
+from jaxrt.kernels.native import in_stages, once
 from jaxrt.lights import (
     LightTable,
     emitted_radiance,
@@ -174,7 +174,7 @@ def event_at(
     walk = _see(tables, walk, hit)
     wo = -walk.ray.direction
     choice = checkpoint_name((u[2], u[3]), _KEPT)
-    scattering = once(scatter)(tables.materials, point, wo, choice)
+    scattering = in_stages(scatter)(tables.materials, point, wo, choice)
     gathered = walk.radiance
     # Sample direct light
     if tables.lights is not None and tables.materials.are_lit:
@@ -206,11 +206,11 @@ def _direct(
     """
     assert tables.lights is not None
     sample_one = sample_light_attached if attached else sample_light
-    sample = once(sample_one)(tables.lights, point.position, (u[0], u[1]))
+    sample = in_stages(sample_one)(tables.lights, point.position, (u[0], u[1]))
     cosine = dot(face_forward(point.shading, wo), sample.direction)
     faced, glossy = cosine > 0, cosine
     if scattering.glossy is not None:
-        glossy = once(partial(_glossy, attached))(tables, point, wo, sample)
+        glossy = in_stages(partial(_glossy, attached))(tables, point, wo, sample)
         faced = jnp.where(scattering.glossy, jnp.any(glossy > 0), faced)
     crowd = tables.lights.pick is not None and tables.lights.lights.have_size
     skip = tables.first_light + sample.light if crowd else None
@@ -247,10 +247,10 @@ def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
         seen = jnp.where(hit.valid, seen, tables.environment)
     if shines_from_afar(tables.lights):
         # After a diffuse event, light samples have counted it
-        sky = once(sky_radiance)(tables.lights, walk.ray.direction)
+        sky = in_stages(sky_radiance)(tables.lights, walk.ray.direction)
         seen = seen + jnp.where(~hit.valid & walk.specular, sky, 0)
         if walk.pdf is not None:
-            sky = once(sky_radiance)(tables.lights, walk.ray.direction, walk.pdf)
+            sky = in_stages(sky_radiance)(tables.lights, walk.ray.direction, walk.pdf)
             seen = seen + jnp.where(~hit.valid & (walk.pdf > 0), sky, 0)
     if tables.lights is not None and tables.lights.lights.have_size:
         lights, light = tables.lights.lights, hit.index - tables.first_light
@@ -259,7 +259,7 @@ def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
         shining = once(emitted_radiance)(lights, jnp.clip(light, 0, n - 1), walk.ray.origin)
         seen = jnp.where(hit_light & walk.specular, shining, seen)
         if walk.pdf is not None:
-            density = once(light_density)(tables.lights, light, walk.ray.origin, walk.ray.direction)
+            density = in_stages(light_density)(tables.lights, light, walk.ray.origin, walk.ray.direction)
             seen = jnp.where(hit_light & (walk.pdf > 0), shining * safe_divide(walk.pdf, walk.pdf + density), seen)
     return replace(walk, radiance=walk.radiance + walk.throughput * seen)
 

@@ -21,7 +21,7 @@ from jax import Array, lax
 from jax.typing import DTypeLike
 
 from jaxrt.boundary.anchors import surface_anchors
-from jaxrt.boundary.clearance import EdgeSamples, LightPoints, Path
+from jaxrt.boundary.clearance import EdgeSamples, LightPoints, Path, beside
 from jaxrt.boundary.guiding import LANES, Draw, Placed, one_of_both, place, sample_guided
 from jaxrt.boundary.lines.between import Place, distances, may_cross, place_between
 from jaxrt.boundary.lines.chains import (
@@ -268,7 +268,8 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, 
     if not _goes_on(plan, tables.materials):
         turns = jax.tree.map(lambda x: x[:0], turns)
     path = Path(turns, edge.event, change, image, line.along, camera.lens)
-    samples = EdgeSamples(pixel[None], weight[None], lights, None, tuple(anchors), path=path)
+    seen_at = beside(image[None], plan.filter)
+    samples = EdgeSamples(pixel[None], weight[None], lights, None, tuple(anchors), path=path, place=seen_at)
     return samples, jnp.sum(jnp.abs(weight))
 
 

@@ -19,7 +19,7 @@ from jaxrt.core.sampling import (
     sample_cosine_hemisphere,
     sample_uniform_sphere,
 )
-from jaxrt.kernels.native import once
+from jaxrt.kernels.native import in_stages, once
 from jaxrt.lights import casters_of, intensity_toward, pick
 from jaxrt.materials import Scattering, evaluate, scatter
 from jaxrt.shapes import distance_to, find, leave, surface_point
@@ -63,7 +63,7 @@ def chain_from(tables: Tables, ray: Ray, numbers: Numbers, length: int) -> Chain
         hit = once(find)(tables.geometry, Ray(start, ray.direction))
         point = once(surface_point)(tables.geometry, ray, hit)
         _, _, *u = numbers(k + 1)
-        scattering = once(scatter)(tables.materials, point, -ray.direction, (u[0], u[1]))
+        scattering = in_stages(scatter)(tables.materials, point, -ray.direction, (u[0], u[1]))
         met = jnp.where(going, jnp.where(hit.valid, hit.index, MISSED), ENDED)
         on = going & hit.valid & scattering.specular
         side = dot(point.shading, ray.direction) * dot(point.shading, scattering.direction)
@@ -163,6 +163,6 @@ def _sent(tables: Tables, point: SurfacePoint, arriving: Ray, lamp: Lamp, direct
     if scattering.albedo is not None:
         value = scattering.albedo * (jnp.maximum(dot(point.facing(wo), direction), 0) / jnp.pi)
     if scattering.glossy is not None:
-        shiny = once(evaluate)(tables.materials, point, wo, direction)[0]
+        shiny = in_stages(evaluate)(tables.materials, point, wo, direction)[0]
         value = jnp.where(scattering.glossy, shiny, value)
     return irradiance * value
