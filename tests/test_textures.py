@@ -126,6 +126,24 @@ def test_a_factor_scales_a_texture():
     np.testing.assert_allclose(found, [0.5, 1, 0])
 
 
+@pytest.mark.usefixtures("quick_compilation")
+def test_rough_kinds_are_painted_without_code_of_their_own():
+    """Half of a field by a texture is half of it by its number, in the picture and in its slope."""
+    grey = {"grey": {"texels": np.full((1, 1, 3), 0.5)}}
+
+    def picture(texture, x):
+        field = {"texture": "grey", "factor": 0.8} if texture else 0.4
+        material = {"type": "conductor", "albedo": [0.6, 0.5, 0.4], "roughness": field}
+        built = jaxrt.build(scene(textures=grey if texture else {}, size=8) | {"materials": {"paint": material}})
+        name = "textures.grey" if texture else "materials.roughness"
+        value = jaxrt.parameters(built)[name] * x
+        return jaxrt.render(jaxrt.with_parameters(built, {name: value}), 0, spp=4, max_depth=1).sum()
+
+    painted, plain = (jax.value_and_grad(lambda x, t=t: picture(t, x))(1.0) for t in (True, False))
+    assert abs(plain[1]) > 0.01 * plain[0]
+    np.testing.assert_allclose(painted, plain, rtol=1e-4)
+
+
 def test_texels_are_a_parameter():
     built = jaxrt.build(scene())
     values = jaxrt.parameters(built)
