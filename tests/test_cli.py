@@ -329,7 +329,12 @@ def test_features_of_an_empty_scene():
     present, absent = summary.features(read_description(ROOT / "scenes" / "room.toml"))
     assert present == ["spheres", "diffuse", "mirror", "glass", "sphere lights"]
     others = {name for family in (MATERIALS, LIGHTS, CAMERAS) for name in family.kinds}  # of tests beside this one
-    assert [name for name in absent if name.split()[0] not in others] == ["triangles", "point lights", "environment"]
+    assert [name for name in absent if name.split()[0] not in others] == [
+        "triangles",
+        "point lights",
+        "environment",
+        "textures",
+    ]
 
 
 def test_info_tells_of_meshes(folder, capsys, monkeypatch):
