@@ -1,5 +1,7 @@
 """Rough metal and plastic: their samplers, furnaces and slopes against quadratures and closed forms."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -133,6 +135,30 @@ def test_slopes_in_roughness_and_colour(name):
     held = np.asarray(held, float)
     error = np.hypot(held.std(0), other.std(0)) / np.sqrt(N)
     assert np.all(np.abs(held.mean(0) - other.mean(0)) < 4 * error + 1e-3)
+
+
+@pytest.mark.parametrize("kind", [metal(0.5), plastic(0.5)], ids=["conductor", "plastic"])
+def test_slopes_in_the_surface_know_the_lobe_that_was_chosen(kind):
+    """A turning surface, whose chance of either lobe changes: differences of a quadrature, within 4σ."""
+    wo, step, rows = toward(0.6), 0.02, Materials.of(**{kind.kind.name: jax.tree.map(lambda leaf: leaf[None], kind)})
+
+    def turned(t):
+        return replace(SURFACE, normal=jnp.stack([jnp.sin(t), jnp.zeros_like(t), jnp.cos(t)]))
+
+    def drawn(u, t):
+        out = scatter(rows, turned(t), wo, (u[0], u[1]))
+        return out.weight * (1 + 0.9 * out.direction[0])
+
+    zero, one = jnp.zeros(()), jnp.ones(())
+    slope = jax.jit(jax.vmap(lambda u: jax.jvp(lambda t: drawn(u, t), (zero,), (one,))[1]))(DRAWS)
+    slope = np.asarray(slope, float)[:, 0]
+    turn, angle = np.meshgrid(*((np.arange(n) + 0.5) / n * np.pi * k for n, k in ((800, 2), (400, 1))), indexing="ij")
+    ways = np.stack([np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle)], -1).reshape(-1, 3)
+    sent = jax.jit(jax.vmap(lambda wi, t: kind.evaluate(turned(t), wo, wi)[0][0], (0, None)))
+    ends = [np.asarray(sent(jnp.asarray(ways, jnp.float32), jnp.float32(t)), float) for t in (step, -step)]
+    around = np.sin(angle).ravel() * (1 + 0.9 * ways[:, 0]) * (2 * np.pi**2 / angle.size)
+    wanted = ((ends[0] - ends[1]) * around).sum() / (2 * step)
+    assert abs(slope.mean() - wanted) < 4 * slope.std() / np.sqrt(N) + 1e-3, (slope.mean(), wanted)
 
 
 @pytest.mark.parametrize("kind", ["conductor", "plastic"])

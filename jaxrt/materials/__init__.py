@@ -139,11 +139,13 @@ def scatter(materials: Materials, surface: SurfacePoint, wo: Array, u: tuple[Arr
 
 def _sample_glossy(one: Any, surface: SurfacePoint, wo: Array, u: tuple[Array, Array]) -> tuple[Array, Array, Array]:
     """Return direction, weight and density of the direction at a surface of one glossy material."""
-    held = lax.stop_gradient(one)
-    direction, _ = held.sample(surface, wo, u)
-    value, _ = one.evaluate(surface, wo, direction)
-    _, pdf = held.evaluate(surface, wo, direction)
-    return direction, safe_divide(value, pdf * jnp.ones_like(value)), lax.stop_gradient(pdf)
+    # The kind's own weight moves with the surface: it knows which lobe was chosen, and how its chance moves
+    direction, weight = lax.stop_gradient(one).sample(surface, wo, u)
+    value, pdf = one.evaluate(*lax.stop_gradient((surface, wo, direction)))
+    pdf = lax.stop_gradient(pdf)
+    # 0, with the derivative of f cosθ / pdf in the material alone
+    change = safe_divide(value - lax.stop_gradient(value), pdf * jnp.ones_like(value))
+    return direction, weight + change, pdf
 
 
 def evaluate(materials: Materials, surface: SurfacePoint, wo: Array, wi: Array) -> tuple[Array, Array]:
@@ -184,10 +186,8 @@ def marks_of(materials: Materials, lookups: int) -> tuple[int, int, int]:
     return lookups, (2 if materials.are_glossy else 1) * len(materials.textures.slots), WIDTH
 
 
-def with_marks(materials: Materials, marks: Array | None) -> Materials:
+def with_marks(materials: Materials, marks: Array) -> Materials:
     """Return the materials whose textures record what is read of them, each lookup by one of the marks (slots, 15)."""
-    if marks is None:
-        return materials
     return replace(materials, textures=replace(materials.textures, marks=marks))  # type: ignore[type-var]
 
 
