@@ -20,7 +20,7 @@ from jaxrt.description.textures import (
 )
 from jaxrt.io.image import save_image
 from jaxrt.io.scene_file import read_text
-from jaxrt.scene.materials import TEXTURES
+from jaxrt.scene.measures import TEXTURES
 from jaxrt.scene.poses import POSES
 from jaxrt.scene.selectors import Selector, place_in_file
 

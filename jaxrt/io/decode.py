@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxrt.core.messages import SceneError, one_line
 from jaxrt.io.files import PICTURE_BYTES, check_size
 from jaxrt.io.layers import layer_in
 
@@ -19,6 +20,18 @@ Curve = Callable[[NDArray[np.float64]], NDArray[np.floating]]  # from display va
 
 PNG_START = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"
 EXR_START = b"\x76\x2f\x31\x01"
+
+
+@contextmanager
+def decoding(path: Path, suffix: str, error: type[ValueError]) -> Iterator[None]:
+    """Raise such an error, in one line, for whatever a decoder trips over in a broken file."""
+    try:
+        yield
+    except (SceneError, MemoryError):
+        raise
+    except Exception as trouble:
+        reason = str(trouble) or type(trouble).__name__
+        raise error(one_line(f"{path}: cannot be read as {suffix} ({reason}): check the file")) from None
 
 
 def decode_png(path: Path, data: bytes, curve: Curve) -> Pixels:

@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jaxrt.core.messages import SceneError, one_line
 from jaxrt.core.messages import show as show_name
 from jaxrt.core.writing import write_whole
 from jaxrt.io import color, layers
-from jaxrt.io.decode import Pixels, decode_exr, decode_png
+from jaxrt.io.decode import Pixels, decode_exr, decode_png, decoding
 from jaxrt.io.files import PICTURE_BYTES, StrPath, instead_of, read_bytes
 
 if TYPE_CHECKING:
@@ -106,17 +105,12 @@ def load_image(path: StrPath, srgb: bool = False, layer: str | None = None) -> P
     if not os.path.lexists(path):
         raise FileNotFoundError(f"{path}: no such file{instead_of(path, tuple(_WRITERS))}")
     data = read_bytes(path, tuple(_WRITERS), "a picture", limit=PICTURE_BYTES)
-    try:
+    with decoding(path, suffix, ValueError):
         if suffix == ".exr":
             return decode_exr(path, data, layer)
         if layer is not None:
             raise ValueError("a PNG has no layers")
         pixels = decode_png(path, data, color.srgb_decode if srgb else color.gamma_decode)
-    except (SceneError, MemoryError):
-        raise
-    except Exception as error:  # whatever a decoder trips over in a broken file
-        reason = str(error) or type(error).__name__
-        raise ValueError(one_line(f"{path}: cannot be read as {suffix} ({reason}): check the file")) from None
     logger.info("%s: display values, linearised by %s", path, "the sRGB curve" if srgb else "gamma 2.2")
     return pixels
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from jaxrt.core.messages import SceneError, SceneWarning, nearest, one_line, show
+from jaxrt.core.messages import SceneError, SceneWarning, nearest, show
 from jaxrt.description.textures import PICTURES, name_of_picture
 from jaxrt.io import color
-from jaxrt.io.decode import Curve, Pixels, decode_exr, decode_jpg, decode_png
+from jaxrt.io.decode import Curve, Pixels, decode_exr, decode_jpg, decode_png, decoding
 from jaxrt.io.files import PICTURE_BYTES, StrPath, read_bytes
 from jaxrt.io.folders import Folders, named_file
 
@@ -40,18 +40,11 @@ def read_texture(path: StrPath, encoding: str | None = None) -> dict[str, Any]:
         raise SceneError(f"{path}: encoding: {show(encoding)} is unknown{nearest(str(encoding), _CURVES)}")
     data = read_bytes(path, PICTURES, "a picture", limit=PICTURE_BYTES)
     curve = _CURVES[encoding or "srgb"]
-    try:
+    with decoding(path, suffix, SceneError):
         if suffix == ".exr":
             texels = decode_exr(path, data)
-        elif suffix == ".png":
-            texels = decode_png(path, data, curve)
         else:
-            texels = decode_jpg(path, data, curve)
-    except (SceneError, MemoryError):
-        raise
-    except Exception as error:  # whatever a decoder trips over in a broken file
-        reason = str(error) or type(error).__name__
-        raise SceneError(one_line(f"{path}: cannot be read as {suffix} ({reason}): check the file")) from None
+            texels = (decode_png if suffix == ".png" else decode_jpg)(path, data, curve)
     return {"file": str(path), **_bounded(path, texels)}
 
 

@@ -15,10 +15,9 @@ from jax.typing import DTypeLike
 from jaxrt.description import SceneDescription
 from jaxrt.description.kinds import MATERIALS
 from jaxrt.materials import Materials
+from jaxrt.scene.measures import TEXTURES
 from jaxrt.scene.record import Scene
 from jaxrt.textures.stack import textures_of
-
-TEXTURES = "textures."  # how the names of their parameters begin
 
 
 class Listed(NamedTuple):

@@ -8,6 +8,7 @@ from jaxrt.materials import Materials
 _PLACE = Measure("place", "xyz", "[0, 0, 0]")
 _TURN = Measure("turn", "xyz", "[0, 0, 0]")
 _SCALE = Measure("positive", "", "1")
+TEXTURES = "textures."  # how the names of their parameters begin
 _TEXELS = Measure("fraction", "rgb", "[0.8, 0.8, 0.8]", tints=True)
 _OTHERS = {
     "spheres.center": _PLACE,
@@ -27,7 +28,7 @@ SHAPES = ("spheres", "meshes", "groups", "camera")  # owners of parameters by wh
 
 def measure(name: str) -> Measure:
     """Return what a parameter measures. Raises SceneError for a name that nothing has."""
-    if name.startswith("textures."):
+    if name.startswith(TEXTURES):
         return _TEXELS
     known = _OTHERS | MATERIALS.parameters | LIGHTS.parameters | CAMERAS.parameters
     if name not in known:

@@ -226,11 +226,12 @@ class _Derivative(NamedTuple):
     @property
     def _dense(self) -> list[int]:
         """The leaves of which each sample gives a derivative as a whole: all but texels, of which it reads few."""
-        return [i for i in self.moved if i != self.texels]
+        texels = self.texels
+        return [i for i in self.moved if i != texels]
 
     def _totals(self, sums: _Sums) -> Leaves:
         totals = dict(zip(self._dense, sums.dense[0], strict=True))
-        return [sums.texels[:, :3] if i == self.texels else totals[i] for i in self.moved]
+        return [totals[i] if i in totals else sums.texels[:, :3] for i in self.moved]
 
 
 def _backwards(plan: Plan, shapes: Shapes) -> Plan:

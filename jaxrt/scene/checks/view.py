@@ -7,6 +7,7 @@ import numpy as np
 from jaxrt.description import SceneDescription, show
 from jaxrt.description.textures import painted_fields
 from jaxrt.scene.checks.common import Body
+from jaxrt.textures.stack import asks
 
 
 def narrow_view(scene: SceneDescription, bodies: Sequence[Body]) -> Iterator[str]:
@@ -60,17 +61,12 @@ def left_out(scene: SceneDescription) -> Iterator[str]:
     for i, mesh in enumerate(scene.meshes):
         if mesh.notes:
             yield f"meshes[{i}] ({mesh.file}): {mesh.notes}"
-        if mesh.colors is not None and mesh.file is not None and not _asks_for_colors(scene, mesh.names):
+        if mesh.colors is not None and mesh.file is not None and not asks(scene, mesh.names)[1]:
             text = 'vertex colours are not used: paint its material with a texture of type = "vertex_colors"'
             yield f"meshes[{i}] ({mesh.file}): {text}"
     for name, texture in scene.textures.items():
         if getattr(texture, "notes", None):
             yield f"textures.{name} ({texture.file}): {texture.notes}"
-
-
-def _asks_for_colors(scene: SceneDescription, materials: Sequence[str]) -> bool:
-    painted = (texture for name in materials for _, texture in painted_fields(scene.materials[name]))
-    return any(scene.textures[texture].type == "vertex_colors" for texture in painted)
 
 
 def unused_textures(scene: SceneDescription) -> Iterator[str]:
