@@ -15,7 +15,7 @@ from jaxrt.core.pytree import pytree, static
 from jaxrt.core.records import Chart
 from jaxrt.kernels.gather import take
 from jaxrt.textures import checker, image
-from jaxrt.textures.recording import read
+from jaxrt.textures.recording import mix, read
 
 SORTS = ("image", "checker", "vertex_colors")
 
@@ -95,7 +95,7 @@ def color_at(textures: Textures, number: Array, chart: Chart | None, mark: Array
         else:
             rows, weights = (jnp.where(here, a, b) for a, b in zip(found, (rows, weights), strict=True))
     rows = take(layout.first, own) + rows
-    color = weights @ take(textures.texels, rows) if mark is None else read(textures.texels, rows, weights, mark)
+    color = mix(take(textures.texels, rows), weights) if mark is None else read(textures.texels, rows, weights, mark)
     return jnp.where(white, 1, color)
 
 
