@@ -36,12 +36,8 @@ def _forward(texels: Array, rows: Array, weights: Array, mark: Array) -> tuple[A
 def _backward(kept: tuple[Array, Array, Array], change: Array) -> tuple[None, np.ndarray, Array, Array]:
     rows, weights, colors = kept
     parts = jnp.concatenate([rows // PART, rows % PART]).astype(change.dtype)
-    return (
-        None,
-        np.zeros(rows.shape, jax.dtypes.float0),
-        jnp.sum(colors * change, -1),
-        jnp.concatenate([parts, weights, change]),
-    )
+    slopes = jnp.sum(colors * change[None], -1)
+    return None, np.zeros(rows.shape, jax.dtypes.float0), slopes, jnp.concatenate([parts, weights, change])
 
 
 read.defvjp(_forward, _backward)
