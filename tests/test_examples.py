@@ -1,24 +1,25 @@
 """Every example runs, in its small setting, and leaves its figure."""
 
-import os
-import subprocess
+import runpy
 import sys
 from pathlib import Path
 
+import jax
 import pytest
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted(p for p in (ROOT / "examples").glob("*.py") if p.name != "figure.py")
 
 
+@pytest.mark.usefixtures("quick_compilation")
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda p: p.stem)
-def test_example(example: Path, tmp_path: Path) -> None:
-    # Compiling is most of the time, and unoptimised programs give the same figures to the digits shown
-    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=0"
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "XLA_FLAGS": flags}
-    command = [sys.executable, str(example), "--quick", "--output", str(tmp_path)]
-    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+def test_example(example: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In this process, which has loaded JAX already; as `python examples/NAME.py` finds its folder and its scenes."""
+    monkeypatch.syspath_prepend(example.parent)
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(sys, "argv", [str(example), "--quick", "--output", str(tmp_path)])
+    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):  # as outside of tests
+        runpy.run_path(str(example), run_name="__main__")
     assert [p.name for p in tmp_path.iterdir()] == [f"{example.stem}.png"]
 
 

@@ -83,7 +83,7 @@ def test_a_point_light_is_found_from_19_of_20_starts() -> None:
 
 @pytest.mark.quick
 @pytest.mark.slow
-def test_albedos_of_a_room_are_found_from_20_starts() -> None:
+def test_albedos_of_a_room_are_found_from_8_starts() -> None:
     scene = resized("scenes/seed/soft_shadow_indirect.toml")
     truth = jaxrt.parameters(scene)["materials.albedo"]
     target = jaxrt.render(scene, 1, spp=16 * SPP, max_depth=1)
@@ -97,7 +97,7 @@ def test_albedos_of_a_room_are_found_from_20_starts() -> None:
         method = optx.LevenbergMarquardt(rtol=1e-2, atol=1e-3)
         return jax.nn.sigmoid(optx.least_squares(residual, method, u, max_steps=30, throw=False).value)
 
-    starts = jnp.asarray(np.random.default_rng(1).uniform(0.1, 0.9, (20, *truth.shape)), jnp.float32)
+    starts = jnp.asarray(np.random.default_rng(1).uniform(0.1, 0.9, (8, *truth.shape)), jnp.float32)
     found = jax.jit(jax.vmap(solve))(jnp.log(starts / (1 - starts)))
     errors = jnp.abs(found - truth[None])[:, jnp.array(SEEN)]
     assert float(errors.max()) <= 0.01, errors.max(axis=(0, 2))

@@ -218,3 +218,11 @@ def test_derivatives_in_the_vertices_pass_the_tree():
     difference = (value(at + step * down) - value(at - step * down)) / (2 * step)
     assert np.isclose(slope, difference, rtol=1e-3) and np.isclose(jnp.vdot(gradient, down), slope, rtol=1e-5)
     assert np.isfinite(gradient).all() and slope < 0
+
+
+def test_walks_one_by_one_find_what_packets_find(ball):
+    triangles, o, d, found = ball
+    alone = replace(triangles, bvh=replace(triangles.bvh, packets=False))
+    again = jax.jit(jax.vmap(nearest, (None, 0, 0)))(triangle_table(alone), o, d)
+    for a, b in zip(found, again, strict=True):
+        np.testing.assert_array_equal(a, b)

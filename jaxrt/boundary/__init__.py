@@ -34,12 +34,23 @@ __all__ = ["EdgeSamples", "Plan", "clearance_of", "edge_tangent", "sample_edges"
 @partial(jax.jit, static_argnames="plan")
 def sample_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
     """Return samples of all edges that move. seed: () uint32."""
-    scene = _with_margin(as_operand(scene), plan.filter)
+    scene = _one_by_one(_with_margin(as_operand(scene), plan.filter))
     samplers = [shadow_edges, camera_edges, line_edges, bounced_edges, caustic_edges]
     if plan.outputs:
         samplers = [camera_edges, line_edges]
     groups = [samples for sampler in samplers for samples in sampler(scene, seed, plan)]
     return tuple(with_trails(tables_of(scene), groups, plan.geometry_moves, plan.devices))
+
+
+def _one_by_one(scene: Scene) -> Scene:
+    """Return the scene whose trees have no packets: rays at edges go all ways, and this compiles faster."""
+
+    def alone(shapes: Any) -> Any:
+        if shapes is None or shapes.bvh is None:
+            return shapes
+        return replace(shapes, bvh=replace(shapes.bvh, packets=False))
+
+    return replace(scene, spheres=alone(scene.spheres), triangles=alone(scene.triangles))
 
 
 def edge_tangent(scene: Scene, tangent: Any, seed: Array, plan: Plan) -> Array:

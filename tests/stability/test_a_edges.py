@@ -126,6 +126,7 @@ def test_a11_a_light_that_moves_in_a_mirror(figures):
     figures("A11", what, naive=naive, ours=share, at_most=0.05)
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_a11_gradcheck_says_so():
     found = mirror_report().coverage
     assert "edges seen in mirrors and through glass" in found.included and not found.missing

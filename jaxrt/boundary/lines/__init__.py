@@ -18,6 +18,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
+from jax.extend.core import jaxpr_as_fun
 from jax.typing import DTypeLike
 
 from jaxrt.boundary.anchors import surface_anchors
@@ -128,11 +129,12 @@ def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]
         )
         return found
 
-    def nothing(weights: Array) -> EdgeSamples:
-        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(sampled, weights))
-
+    # Traced once, for its shapes and for itself
+    program, shapes = jax.make_jaxpr(sampled, return_shape=True)(weights)
+    nothing = [jnp.zeros(x.shape, x.dtype) for x in program.out_avals]
     # Where a look at the picture finds nothing, samples would cost much more than it
-    return (lax.cond(jnp.any(weights > 0), sampled, nothing, weights),)
+    samples = lax.cond(jnp.any(weights > 0), jaxpr_as_fun(program), lambda _: nothing, weights)
+    return (jax.tree.unflatten(jax.tree.structure(shapes), samples),)
 
 
 def _length(plan: Plan, tables: Tables) -> int:

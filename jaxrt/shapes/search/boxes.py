@@ -27,6 +27,7 @@ class Tree:
     depth: int = static()
     wide: bool = static(default=False)  # of `Triangles`
     balls: bool = static(default=False)  # leaves hold spheres
+    packets: bool = static(default=True)  # of `Topology`
 
     @property
     def reach(self) -> Array:
@@ -80,6 +81,7 @@ def _tree_around(
         depth=topology.depth,
         wide=wide,
         balls=balls,
+        packets=topology.packets,
     )
 
 

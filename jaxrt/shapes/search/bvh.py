@@ -34,6 +34,7 @@ class Topology:
     last: Array  # (n, 8) int32 one past its last; equal to `first` where there is no child
     faces: Array  # (m, 8) int32 faces of each leaf, −1 where it has fewer
     depth: int = static()  # levels of nodes at most: what a stack must hold
+    packets: bool = static(default=True)  # rays that stay together walk together
 
 
 class Survey(NamedTuple):

@@ -1,6 +1,7 @@
 """The nearest and any hit of a ray on a mesh, through its tree, and what becomes of the search under vmap.
 
-Of many rays, those that stay together walk in packets (`packet.py`), the others one by one (`walk.py`).
+Of many rays, those that stay together walk in packets (`packet.py`), the others one by one (`walk.py`): all, where the
+tree has no packets.
 """
 
 from collections.abc import Callable
@@ -54,7 +55,7 @@ def _together(any_hit: bool, tree: Tree, o: Array, d: Array, farthest: Array) ->
     def one_packet(k: Array, results: tuple[Array, Array]) -> tuple[Array, Array]:
         rows = [lax.dynamic_slice_in_dim(x, k * size, size, -1) for x in (o, d, reach)]
         nothing = rows[2], jnp.full(size, -1, jnp.int32)
-        search = partial(_packet_or_singles, any_hit, tree, *rows)
+        search = partial(_packet_or_singles if tree.packets else _all_single, any_hit, tree, *rows)
         found = lax.cond(jnp.any(rows[2] > 0), search, lambda: nothing)
         t, face = (lax.dynamic_update_slice(all_, x, (k * size,)) for all_, x in zip(results, found, strict=True))
         return t, face
@@ -109,6 +110,11 @@ def _packet_or_singles(any_hit: bool, tree: Tree, o: Array, d: Array, farthest: 
     start = alive & near, farthest, jnp.where(alive & ~near, jnp.int32(ALONE), -1)
     found = lax.while_loop(lambda state: jnp.any(state[0]), group, start)[1:]
     return lax.cond(jnp.any(found[1] == ALONE), partial(_singles, any_hit, tree, o, d), lambda *found: found, *found)
+
+
+def _all_single(any_hit: bool, tree: Tree, o: Array, d: Array, farthest: Array) -> tuple[Array, Array]:
+    """Return (distance, face) of lanes that walk one by one, those that go anywhere."""
+    return _singles(any_hit, tree, o, d, farthest, jnp.where(farthest > 0, jnp.int32(ALONE), -1))
 
 
 def _singles(any_hit: bool, tree: Tree, o: Array, d: Array, distance: Array, face: Array) -> tuple[Array, Array]:
