@@ -14,7 +14,7 @@ from figure import arguments, save_figure
 import jaxrt
 
 options = arguments(__doc__)
-width, height, spp, steps = (12, 9, 1, 1) if options.quick else (64, 48, 16, 30)
+width, height, spp, steps, count = (12, 9, 1, 1, 2) if options.quick else (64, 48, 16, 30, 5)
 rng = np.random.default_rng(0)
 places = np.stack(np.meshgrid(np.linspace(-3.6, 3.6, 9), np.linspace(-2.7, 2.7, 7)), -1).reshape(-1, 2)
 balls = [
@@ -34,7 +34,7 @@ scene = jaxrt.build(
         "lights": [{"position": [3, 5, 9], "intensity": 200}],
     }
 )
-eyes = [[0, 0, 6], [2.5, 0, 5.5], [-2.5, 0, 5.5], [0, 2.5, 5.5], [0, -2.5, 5.5]]
+eyes = [[0, 0, 6], [2.5, 0, 5.5], [-2.5, 0, 5.5], [0, 2.5, 5.5], [0, -2.5, 5.5]][:count]
 views = [jaxrt.with_parameters(scene, {"camera.position": jnp.asarray(eye, jnp.float32)}) for eye in eyes]
 targets = [jaxrt.render(view, 100 + i, spp=8 * spp, max_depth=1) for i, view in enumerate(views)]
 guesses = [jaxrt.with_parameters(view, {f"camera.{name}": x for name, x in start.items()}) for view in views]
