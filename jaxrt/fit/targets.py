@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from jaxrt.description import SceneError, show
 from jaxrt.scene import Scene
-from jaxrt.transport.outputs import channels
+from jaxrt.transport.outputs import SKY, channels
 from jaxrt.views import LIGHT, NUMBERS, Asked, asked_for
 
 Floats = NDArray[np.float64]
@@ -19,6 +19,7 @@ Pictures = NDArray[np.floating]
 Named = Mapping[str, Any]
 
 FLAT = 0.1  # least size of what varies little, of the root of its sum of squares
+SHINING = (*LIGHT, SKY)  # whose 0 is black
 RADIANCE = Asked(("radiance",), True, {}, False)
 
 
@@ -79,7 +80,9 @@ def _checked(outputs: Asked, target: Named, weight: Named) -> tuple[Array, Array
 
 
 def _picture(name: str, value: Any, width: int) -> Pictures:
-    want = ("(height, width)" if width == 1 else f"(height, width, {width})") + " of linear radiance" * (name in LIGHT)
+    want = ("(height, width)" if width == 1 else f"(height, width, {width})") + " of linear radiance" * (
+        name in SHINING
+    )
     try:
         picture = np.asarray(value, np.float32)
     except (TypeError, ValueError):
@@ -143,7 +146,7 @@ def _size(name: str, picture: Pictures, weight: NDArray[Any]) -> float:
         raise FitError(f"target: {_of(name)}has pixels that are not finite: mask them, check scene and target")
     if whole == 0:
         raise FitError(f"target: {_of(name)}black, or masked everywhere: choose another picture")
-    if name in LIGHT:
+    if name in SHINING:
         return whole
     mean = np.sum(picture * weight, axis=(0, 1)) / np.sum(np.broadcast_to(weight, picture.shape), axis=(0, 1))
     return max(float(np.linalg.norm((picture - mean) * weight)), FLAT * whole)
