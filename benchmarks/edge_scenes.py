@@ -96,7 +96,7 @@ CAMERAS: dict[str, tuple[Description, dict[str, float]]] = {
         {"tall": 0.5, "position": 0.5, "roll": 0.5},
     ),
     "fisheye": ({"angle": 140}, {"angle": 1.0, "position": 0.5, "roll": 0.5}),
-    "equirectangular": ({}, {"position": 0.5, "rotate": 0.5}),
+    "equirectangular": ({}, {"position": 0.2, "rotate": 0.5}),
     "thin_lens": (
         {"fov": 60, "focus": 60, "aperture": 6},
         {"focus": 2.0, "aperture": 0.5, "position": 0.5, "roll": 0.5},

@@ -129,7 +129,7 @@ class Mug:
 
     def machine(self, target: Array, output: str | None) -> Machine:
         """Return what fits, compiled."""
-        outputs = tuple(asked_for(self.scene, [output]).outputs.values()) if output else ()
+        outputs = asked_for(self.scene, [output or "radiance"])
         unknowns = sought(self.scene, NAMES)
         machine = Machine(Problem(self.scene, unknowns, target, jnp.ones_like(target), 1, outputs=outputs))
         machine.evaluate(machine.start, 0, Drawing(1))  # compiles

@@ -44,7 +44,7 @@ def asked_for(scene: Scene, outputs: Sequence[str]) -> Asked:
         if mask is not None:
             means[name] = _mask_of(scene, mask["name"])
         elif name not in NAMES:
-            raise ValueError(f"render: unknown output {show(name)}{nearest(name, NAMES)}: use {', '.join(NAMES)}")
+            raise ValueError(f"render: unknown output {show(name)}{nearest(name, (*NAMES, 'mask[NAME]'))}")
         elif name in KINDS or name == SKY:
             means[name] = name
     if "foreground" in names:
@@ -142,7 +142,7 @@ def viewed(scene: Scene, run: Run, plan: Plan, window: Window | None, pixels: Ar
 def _window(scene: Scene, window: Window) -> tuple[Array, tuple[int, int]]:
     """Return corner (2,) and size of a window, of which all but a traced corner is checked."""
     width, height = scene.camera.width, scene.camera.height
-    if len(window) != 4:
+    if not hasattr(window, "__len__") or len(window) != 4:
         raise ValueError(f"render: window is {show(window)}, want (x0, y0, width, height)")
     size = whole_number("render: width of window", window[2]), whole_number("render: height of window", window[3])
     for name, first, own, whole in zip(("x0", "y0"), window, size, (width, height), strict=False):

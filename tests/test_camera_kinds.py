@@ -218,6 +218,9 @@ def test_opencv_turns_pinholes_and_refusals() -> None:
         jaxrt.camera_from_opencv(K + [[0, 5, 0], [0, 0, 0], [0, 0, 0]], R, T)
     with pytest.raises(jaxrt.SceneError, match="distortion: .* has more than k1"):
         jaxrt.camera_from_opencv(K, R, T, [0.1, 0, 0, 0, 0, 0.2])
+    assert jaxrt.camera_from_opencv(K, R, T, None) == jaxrt.camera_from_opencv(K, R, T)
+    with pytest.raises(jaxrt.SceneError, match="distortion: .* is not finite: leave it out for none"):
+        jaxrt.camera_from_opencv(K, R, T, [0.1, np.nan])
     with pytest.raises(jaxrt.SceneError, match="camera: is 'fisheye'"):
         jaxrt.camera_to_opencv(scene_of(type="fisheye", **PLACE))
 

@@ -4,12 +4,10 @@ What a program of a few lines does with optimistix itself (see examples/), for t
 """
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-import jax.numpy as jnp
-import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
@@ -19,7 +17,8 @@ from jaxrt.description import SceneWarning, show
 from jaxrt.fit.answer import Fit, answer_of
 from jaxrt.fit.descent import Progress, Step, descend
 from jaxrt.fit.lacks import missing_terms, warning_of
-from jaxrt.fit.solve import FitError, Machine, Problem
+from jaxrt.fit.solve import Machine, Problem
+from jaxrt.fit.targets import FitError, targets_of
 from jaxrt.fit.unknowns import Unknowns, all_rows, unknowns_of
 from jaxrt.fit.verdict import Verdict, standard_errors
 from jaxrt.fit.views import check_views, tall
@@ -42,14 +41,16 @@ __all__ = [
 ]
 
 MANY = 300  # numbers sought at once: each is a derivative picture in every step
+Target = ArrayLike | Mapping[str, ArrayLike]
+Weight = ArrayLike | Mapping[str, ArrayLike]
 
 
 def fit(
     scene: Scene | Sequence[Scene],
-    target: ArrayLike | Sequence[ArrayLike],
+    target: Target | Sequence[Target],
     parameters: Sequence[str],
     *,
-    weight: ArrayLike | Sequence[ArrayLike | None] | None = None,
+    weight: Weight | Sequence[Weight | None] | None = None,
     spp: int | None = None,
     max_depth: int | None = None,
     seed: int = 0,
@@ -60,12 +61,13 @@ def fit(
 ) -> Fit:
     """Return the parameters that bring the scene's picture nearest to a target: values, standard errors, a verdict.
 
-    target: (height, width, 3) linear radiance; the scene is drawn in its size. parameters: names such as
-    "lights.position[0]"; one of several rows without a row stands for all. weight: (height, width, 3), or what
-    broadcasts to it; 0 where the target is not to be trusted. spp: samples of the last stage, max_depth: scattering
-    events; both default to the scene's own. max_steps: of all stages. starts: how many starts to choose from.
-    resume: the `progress` of an earlier fit of the same, to go on from as if it had not ended. progress: called
-    after each step.
+    target: (height, width, 3) linear radiance; the scene is drawn in its size. Or a dict of outputs of `render`, as
+    {"mask[mug]": ..., "depth": ...}: each counts by its error relative to its own size, and without "radiance" no light
+    is drawn. parameters: names such as "lights.position[0]"; one of several rows without a row stands for all.
+    weight: (height, width, 3), or what broadcasts to it, 0 where the target is not to be trusted; for a dict a dict, of
+    some of its names. spp: samples of the last stage, max_depth: scattering events; both default to the scene's own.
+    max_steps: of all stages. starts: how many starts to choose from. resume: the `progress` of an earlier fit of the
+    same, to go on from as if it had not ended. progress: called after each step.
 
     Several views are fitted together: scene is then a list of scenes alike but for their cameras, as
     `jaxrt.load_views` returns, with a list of targets, and of weights. What is sought of the camera is the same for
@@ -83,16 +85,16 @@ def fit(
     spp = _count("spp", scene.defaults.spp if spp is None else spp)
     counts = {"max_steps": _count("max_steps", max_steps), "starts": _count("starts", starts)}
     depth = _count("max_depth", scene.defaults.max_depth if max_depth is None else max_depth)
-    pairs = [_checked(*pair) for pair in zip(targets, weights, strict=True)]
+    shown = targets_of(scene, targets, weights)
     unknowns = sought(scene, parameters)
     check_views(scenes, unknowns)
-    missing = missing_terms(scene, unknowns, depth)
+    missing = missing_terms(scene, unknowns, depth, shown.outputs.light)
     if missing:
         warnings.warn(warning_of(missing), SceneWarning, stacklevel=2)
-    sized = [_sized(view, picture) for view, (picture, _) in zip(scenes, pairs, strict=True)]
+    sized = [_sized(*view) for view in zip(scenes, shown.pictures, strict=True)]
     cameras = tuple(view.camera for view in sized) if len(sized) > 1 else ()
-    picture, trust = (tall(parts) for parts in zip(*pairs, strict=True))
-    problem = Problem(sized[0], unknowns, picture, trust, depth, cameras=cameras)
+    picture, trust = tall(shown.pictures), tall(shown.weights)
+    problem = Problem(sized[0], unknowns, picture, trust, depth, cameras=cameras, outputs=shown.outputs)
     seed = _count("seed", seed, least=0)
 
     def report(step: Step) -> None:
@@ -100,7 +102,7 @@ def fit(
             progress(step._replace(lacks=missing))
 
     found = descend(Machine(problem), spp, seed, **counts, resume=resume, report=report)
-    return answer_of(scene, problem, found, missing)
+    return answer_of(scene, problem, found, missing, shown.by_name)
 
 
 def sought(scene: Scene, parameters: Sequence[str]) -> Unknowns:
@@ -138,21 +140,6 @@ def _views(scene: Any, target: Any, weight: Any) -> tuple[list[Scene], list[Any]
         if not scene or not isinstance(given, list | tuple) or len(given) != len(scene):
             raise FitError(f"{name}: {len(scene)} scenes want a list of as many: pass one for each view")
     return list(scene), list(target), list(weights)
-
-
-def _checked(target: ArrayLike, weight: ArrayLike | None) -> tuple[Array, Array]:
-    """Return target and weight (height, width, 3), the target 0 where the weight is. Raises FitError."""
-    picture = np.asarray(target, np.float32)
-    if picture.ndim != 3 or picture.shape[2] != 3 or not picture.size:
-        raise FitError(f"target: shape {picture.shape}, want (height, width, 3) of linear radiance")
-    trust = np.ones(1, np.float32) if weight is None else np.asarray(weight, np.float32)
-    try:
-        trust = np.broadcast_to(trust, picture.shape)
-    except ValueError:
-        raise FitError(f"weight: shape {trust.shape}, want that of the target, {picture.shape}") from None
-    if not (np.isfinite(trust).all() and (trust >= 0).all()):
-        raise FitError("weight: has numbers that are negative or not finite: use 0 to 1")
-    return jnp.asarray(np.where(trust == 0, 0, picture)), jnp.asarray(trust)
 
 
 def _sized(scene: Scene, picture: Array) -> Scene:

@@ -15,7 +15,8 @@ from jaxrt.description import show
 from jaxrt.fit.answer import Fit
 from jaxrt.fit.descent import DONE, Progress
 from jaxrt.fit.lacks import Missing
-from jaxrt.fit.solve import MOST_ROUNDS, FitError
+from jaxrt.fit.solve import MOST_ROUNDS
+from jaxrt.fit.targets import FitError
 from jaxrt.fit.unknowns import Unknowns
 from jaxrt.io.color import gamma_encode, srgb_encode
 from jaxrt.io.files import SCENE_BYTES, read_bytes

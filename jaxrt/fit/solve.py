@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from jaxrt import boundary
 from jaxrt.boundary.tangent import moving_edges
 from jaxrt.cameras import edges_known
-from jaxrt.description import SceneError
+from jaxrt.fit.targets import RADIANCE, FitError, joined, scale_of
 from jaxrt.fit.unknowns import Unknowns
 from jaxrt.fit.verdict import promised_gain
 from jaxrt.fit.views import draw_views
@@ -28,6 +28,7 @@ from jaxrt.render import draw_sum, prepare
 from jaxrt.scene import Scene
 from jaxrt.scene.measures import bends_light, moves_lamps, moves_shapes
 from jaxrt.transport.outputs import Output
+from jaxrt.views import Asked, answers
 
 Floats = NDArray[np.float64]
 Vector = NDArray[np.floating]
@@ -41,10 +42,6 @@ GAIN = 30.0  # the solver's unit of residuals, for its first damping, 1, to be 1
 SHORTER = 1 / 16  # step size after a rejected step, of the one before
 TINY = 1e-30  # loss that is none
 ROUND = np.uint32(0x9E3779B9)  # between the seeds of rounds
-
-
-class FitError(SceneError):
-    """A fit that cannot go on: culprit, what, remedy."""
 
 
 class Look(NamedTuple):
@@ -63,13 +60,13 @@ class Problem:
 
     scene: Scene
     unknowns: Unknowns
-    target: Array  # (height, width, channels) linear radiance, or the outputs
+    target: Array  # (height, width, channels) linear radiance, or all outputs
     weight: Array  # of its shape: 1, or 0 where the target is not to be trusted
     max_depth: int | None = None
     sampler: str = "sobol"
     boundary_samples: int | None = None  # of each view; None: 4 a pixel where edges move that are known
     cameras: tuple[Any, ...] = ()  # of several views, the scene's own first; their targets stand one below the other
-    outputs: tuple[Output, ...] = ()  # that the target shows, as masks; none: radiance
+    outputs: Asked = RADIANCE  # that the target shows
 
     @property
     def views(self) -> tuple[Any, ...]:
@@ -97,14 +94,9 @@ class Problem:
         return any(moves_shapes(row.selector.name) for row in self.unknowns.rows)
 
     @property
-    def scale(self) -> float:
-        """Return the root of the target's sum of squares, in whose units residuals are."""
-        total = float(jnp.sum((self.target * self.weight) ** 2))
-        if not np.isfinite(total):
-            raise FitError("target: has pixels that are not finite: mask them, check scene and target")
-        if not total > 0:
-            raise FitError("target: black, or masked everywhere: choose another picture")
-        return total**0.5
+    def scale(self) -> Floats:
+        """Return the units (1, 1, channels) of residuals, in which the target's own size is 1."""
+        return scale_of(self.target, self.weight, self.outputs)
 
 
 class Drawing(NamedTuple):
@@ -200,7 +192,7 @@ class Machine:
         return int(np.ceil(np.clip(noise.max(initial=1), 1, MOST_ROUNDS)))
 
     def evaluate(self, vector: Vector, seed: int, how: Drawing) -> tuple[Floats, Floats]:
-        """Return residual (height, width, 3) and Jacobian (height, width, 3, k) at `vector`, drawn anew.
+        """Return residual (height, width, channels) and Jacobian (…, channels, k) at `vector`, drawn anew.
 
         Raises FitError where they are not finite.
         """
@@ -215,7 +207,8 @@ class Machine:
 
 def _constants(problem: Problem) -> tuple[Any, ...]:
     """Return what a problem's program is given of it; all else of the problem is part of the program."""
-    return problem.scene, problem.cameras, problem.target, problem.weight * (GAIN / problem.scale)
+    weight = problem.weight * jnp.asarray(GAIN / problem.scale, problem.weight.dtype)
+    return problem.scene, problem.cameras, problem.target, weight
 
 
 def _linear_model(problem: Problem, vector: Array, arguments: Arguments) -> tuple[Array, tuple[Array, Array]]:
@@ -228,7 +221,14 @@ def _linear_model(problem: Problem, vector: Array, arguments: Arguments) -> tupl
 
         def draw(view: Scene, seed: Array) -> Array:
             moved, edges = problem.unknowns.apply(view, free), problem.edges_of(view.camera)
-            return picture_of(moved, seed, spp, problem.max_depth, problem.sampler, edges, rounds, problem.outputs)
+
+            def shown(outputs: tuple[Output, ...]) -> Array:
+                return picture_of(moved, seed, spp, problem.max_depth, problem.sampler, edges, rounds, outputs)
+
+            wanted = problem.outputs
+            light = shown(()) if wanted.light else None
+            others = shown(tuple(wanted.outputs.values())) if wanted.outputs else None
+            return joined(answers(moved, wanted, light, others, None))
 
         picture = draw_views(draw, scene, cameras, seed) if cameras else draw(scene, seed)
         return _blurred((picture - target) * weight, filters).ravel()

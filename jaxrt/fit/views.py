@@ -20,11 +20,11 @@ from jaxrt.scene.parameters import parameters
 
 STRIDE = np.uint32(2654435769)  # between the seeds of two views: their noise is not alike
 
-Draw = Callable[[Scene, Array], Array]  # (scene, seed) -> picture (height, width, 3)
+Draw = Callable[[Scene, Array], Array]  # (scene, seed) -> picture (height, width, channels)
 
 
 def tall(pictures: Sequence[Array]) -> Array:
-    """Return the pictures (height, width, 3) one below the other, 0 where one is narrower than another."""
+    """Return the pictures (height, width, channels) one below the other, 0 where one is narrower than another."""
     if len(pictures) == 1:
         return pictures[0]
     width = max(picture.shape[1] for picture in pictures)

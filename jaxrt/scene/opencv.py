@@ -34,7 +34,7 @@ def camera_from_opencv(
     K: ArrayLike,
     R: ArrayLike,
     t: ArrayLike,
-    distortion: ArrayLike = (),
+    distortion: ArrayLike | None = None,
     width: int | None = None,
     height: int | None = None,
     *,
@@ -43,9 +43,10 @@ def camera_from_opencv(
     """Return the `camera` table, of type "calibrated", of a camera that OpenCV has calibrated.
 
     K: (3, 3). R: (3, 3), or the rotation vector (3,) in radians. t: (3,) in scene units. distortion: up to five of k1,
-    k2, p1, p2, k3; those that are 0 are left out. width, height: of its pictures; by default such that the axis goes
-    through their middle. corner: column and row of the upper left corner, 0 for tools that count from there, as COLMAP.
-    Raises SceneError for shapes, skew, further coefficients, and an R that is no rotation.
+    k2, p1, p2, k3, by default none; those that are 0 are left out. width, height: of its pictures; by default such that
+    the axis goes through their middle. corner: column and row of the upper left corner, 0 for tools that count from
+    there, as COLMAP. Raises SceneError for shapes, skew, further coefficients, an R that is no rotation, and what is
+    not finite.
     """
     matrix, place = _array("K", K, (3, 3)), _array("t", t, (3,))
     focal, middle = matrix[[0, 1], [0, 1]], matrix[:2, 2] - corner
@@ -56,7 +57,9 @@ def camera_from_opencv(
         raise SceneError(
             f"K: {show(matrix.tolist())} has skew or another last row than 0, 0, 1: cameras here have none"
         )
-    bent = np.ravel(np.asarray(distortion, float))
+    bent = np.ravel(np.asarray(() if distortion is None else distortion, float))
+    if not np.isfinite(bent).all():
+        raise SceneError(f"distortion: {show(bent.tolist())} is not finite: leave it out for none")
     if np.any(bent[len(COEFFICIENTS) :]):
         raise SceneError(
             f"distortion: {show(bent.tolist())} has more than {', '.join(COEFFICIENTS)}: calibrate with these"
