@@ -18,6 +18,7 @@ from jaxrt.core.pytree import dtype_of, pytree, with_fields
 from jaxrt.core.records import SurfacePoint
 from jaxrt.description.kinds import MATERIALS
 from jaxrt.kernels.gather import take
+from jaxrt.materials.facets import Faceted
 from jaxrt.textures import Textures, painted
 from jaxrt.textures.recording import WIDTH
 
@@ -140,6 +141,9 @@ def scatter(materials: Materials, surface: SurfacePoint, wo: Array, u: tuple[Arr
 def _sample_glossy(one: Any, surface: SurfacePoint, wo: Array, u: tuple[Array, Array]) -> tuple[Array, Array, Array]:
     """Return direction, weight and density of the direction at a surface of one glossy material."""
     # The kind's own weight moves with the surface: it knows which lobe was chosen, and how its chance moves
+    if isinstance(one, Faceted):
+        direction, weight, pdf = one.draw(surface, wo, u)
+        return direction, weight, lax.stop_gradient(pdf)
     direction, weight = lax.stop_gradient(one).sample(surface, wo, u)
     value, pdf = one.evaluate(*lax.stop_gradient((surface, wo, direction)))
     pdf = lax.stop_gradient(pdf)

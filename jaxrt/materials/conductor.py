@@ -1,88 +1,63 @@
-"""Rough metal: microfacets, once reflected and more.
+"""Rough metal: facets that reflect once and more.
 
-Normals are distributed as by Trowbridge and Reitz (1975, "GGX") with α = roughness², masked and shadowed as by Smith in
-Heitz's height-correlated form (2014), and drawn among those that are seen (Dupuy & Benyoub 2023). Fresnel's reflectance
-is Schlick's (1994). What one reflection loses between the facets comes back by the lobe of Kulla and Conty (2017).
+Fresnel's reflectance is Schlick's (1994). What one reflection loses between the facets comes back by the lobe of Kulla
+and Conty (2017).
 """
 
 import math
 from typing import Annotated
 
 import jax.numpy as jnp
-from jax import Array, lax
+from jax import Array
 
-from jaxrt.core.maths import dot, normalize, reflect, safe_divide, safe_sqrt
-from jaxrt.core.records import SurfacePoint
-from jaxrt.core.sampling import around, sample_cosine_hemisphere
+from jaxrt.core.maths import safe_sqrt
 from jaxrt.description.fields import Albedo, Fraction
 from jaxrt.description.kinds import material
-from jaxrt.description.values import require
-from jaxrt.materials.directional import mean_albedo, reflected_once
-
-SMOOTHEST = 0.05
-ROUGH = f"is below {SMOOTHEST}: use {SMOOTHEST} or more, or the type mirror"
+from jaxrt.materials.directional import lost, mean_lost
+from jaxrt.materials.facets import SMOOTHEST, Faceted, Local, facets, pick, rough, turned
 
 
 @material
-class Conductor:
+class Conductor(Faceted):
     """A rough metal; `albedo` is what it reflects of light along the normal."""
 
     albedo: Albedo
-    roughness: Annotated[Fraction, require(lambda x: x >= SMOOTHEST, ROUGH)] = 0.3
+    roughness: Annotated[Fraction, rough("mirror")] = 0.3
 
-    def sample(self, surface: SurfacePoint, wo: Array, u: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Return (direction, weight): off a facet that is seen, or else the lobe of more reflections."""
-        roughness, normal = self.kept(), surface.facing(wo)
-        once = reflected_once(roughness, dot(normal, wo))
-        held = lax.stop_gradient(once)
-        first = u[0] < held
-        stretched = jnp.where(first, u[0] / held, safe_divide(u[0] - held, 1 - held)), u[1]
-        facet = visible_normal(roughness * roughness, normal, wo, stretched)
-        wi = jnp.where(first, reflect(wo, facet), sample_cosine_hemisphere(normal, stretched))
-        value, pdf = self.evaluate(surface, wo, wi)
-        # The choice is held; its probability is differentiated
-        share = jnp.where(first, once / held, safe_divide(1 - once, 1 - held))
-        return wi, safe_divide(value * share, pdf * jnp.ones_like(value))
+    def turn(self, o: Local, u: tuple[Array, Array]) -> tuple[Local, Array]:
+        """Return a direction off a facet that is seen, or else of the lobe of more reflections."""
+        roughness = self.kept()
+        first, left, share = pick(1 - lost(roughness, o[2])[0], u[0])
+        return turned(roughness * roughness, o, first, (left, u[1])), share
 
-    def evaluate(self, surface: SurfacePoint, wo: Array, wi: Array) -> tuple[Array, Array]:
+    def parts(self, o: Local, i: Local) -> tuple[Array, Array]:
         """Return (f cosθ, pdf) of a direction."""
-        roughness, normal = self.kept(), surface.facing(wo)
-        cos_o, cos_i = dot(normal, wo), dot(normal, wi)
-        above = jnp.maximum(cos_i, 0)
-        half = normalize(wo + wi)
-        single, density = facets(roughness * roughness, normal, half, cos_o, above)
-        fresnel = self.albedo + (1 - self.albedo) * jnp.maximum(1 - dot(half, wo), 0) ** 5
-        once, back = reflected_once(roughness, cos_o), reflected_once(roughness, above)
-        mean = mean_albedo(roughness)
-        tint = self.albedo + (1 - self.albedo) / 21  # Schlick's reflectance, averaged
-        tint = tint * tint * mean / (1 - tint * (1 - mean))
-        more = safe_divide((1 - once) * (1 - back), math.pi * (1 - mean)) * above
-        return fresnel * single + tint * more, once * density + (1 - once) * above / math.pi
+        roughness, above = self.kept(), jnp.maximum(i[2], 0)
+        once, density, cos = off_facets(roughness, o, i)
+        loss, more = more_than_once(self.albedo, roughness, o[2], above)
+        return schlick(self.albedo, cos) * once + more, (1 - loss) * density + loss * above / math.pi
 
     def kept(self) -> Array:
         """Return the roughness, no less than there may be: fits step beyond."""
         return jnp.maximum(self.roughness, SMOOTHEST)
 
 
-def visible_normal(alpha: Array, normal: Array, wo: Array, u: tuple[Array, Array]) -> Array:
-    """Return the normal of a facet that `wo` sees: on a cap of the hemisphere that facets are stretched to."""
-    cos = dot(normal, wo)
-    stretched = normalize(alpha * (wo - cos * normal) + cos * normal)
-    height = 1 - u[1] * (1 + dot(normal, stretched))
-    cap = around(normal, safe_sqrt(1 - height * height), height, u[0]) + stretched
-    above = dot(normal, cap)
-    return normalize(alpha * (cap - above * normal) + above * normal)
+def off_facets(roughness: Array, o: Local, i: Local) -> tuple[Array, Array, Array]:
+    """Return f cosθ of one reflection without Fresnel's factor, its density, and the cosine at which facets meet it."""
+    h = o[0] + i[0], o[1] + i[1], o[2] + i[2]
+    once, density, squared = facets(roughness * roughness, h, o[2], jnp.maximum(i[2], 0))
+    return once, jnp.where(h[2] > 0, density, 0), safe_sqrt(squared) / 2
 
 
-def facets(alpha: Array, normal: Array, half: Array, cos_o: Array, cos_i: Array) -> tuple[Array, Array]:
-    """Return f cosθ without Fresnel's factor, and the density of `visible_normal`'s reflections.
+def more_than_once(albedo: Array, roughness: Array, cos_o: Array, cos_i: Array) -> tuple[Array, Array]:
+    """Return the share of light from `o` that is not reflected once, and f cosθ (3,) of what reflects it more often."""
+    (loss, back), mean = lost(roughness, cos_o, cos_i), mean_lost(roughness)
+    tint = albedo + (1 - albedo) / 21  # Schlick's reflectance, averaged
+    tint = tint * tint / (1 - tint * mean)
+    return loss, tint * (loss * back * cos_i * (1 - mean) / (math.pi * mean))
 
-    half: (3,) unit, between both directions.
-    """
-    squared, upright = alpha * alpha, dot(normal, half)
-    across = half - upright * normal  # 1 − cos² would lose what small angles are
-    spread = squared * upright * upright + dot(across, across)
-    distribution = jnp.where(upright > 0, safe_divide(squared, math.pi * spread * spread), 0)
-    far_o, far_i = (safe_sqrt(squared + (1 - squared) * cos * cos) for cos in (cos_o, cos_i))
-    value = safe_divide(distribution * cos_i, 2 * (cos_o * far_i + cos_i * far_o))
-    return value, safe_divide(distribution, 2 * (cos_o + far_o))
+
+def schlick(albedo: Array, cos: Array) -> Array:
+    """Return the reflectance at an angle of that cosine of what reflects `albedo` along the normal (Schlick 1994)."""
+    rest = jnp.maximum(1 - cos, 0)
+    return albedo + (1 - albedo) * (rest * rest * rest * rest * rest)
