@@ -1,7 +1,7 @@
 """Rough metal: facets that reflect once and more.
 
-Fresnel's reflectance is Schlick's (1994). What one reflection loses between the facets comes back by the lobe of Kulla
-and Conty (2017).
+Fresnel's reflectance is Schlick's (1994), or that of a measured complex index. What one reflection loses between the
+facets comes back by the lobe of Kulla and Conty (2017).
 """
 
 import math
@@ -10,32 +10,45 @@ from typing import Annotated
 import jax.numpy as jnp
 from jax import Array
 
-from jaxrt.core.maths import safe_sqrt
-from jaxrt.description.fields import Albedo, Fraction
+from jaxrt.core.maths import safe_divide, safe_sqrt
+from jaxrt.description.fields import Albedo, Flag, Fraction, Rgb
 from jaxrt.description.kinds import material
 from jaxrt.materials.directional import lost, mean_lost
 from jaxrt.materials.facets import SMOOTHEST, Faceted, Local, facets, pick, rough, turned
+from jaxrt.materials.metals import Named
 
 
 @material
 class Conductor(Faceted):
-    """A rough metal; `albedo` is what it reflects of light along the normal."""
+    """A rough metal; `albedo` is what it reflects of light along the normal, or the factor of a measured one's."""
 
-    albedo: Albedo
+    albedo: Albedo = (1.0, 1.0, 1.0)
     roughness: Annotated[Fraction, rough("mirror")] = 0.3
+    compensation: Flag = True
+    eta: Rgb | None = None
+    k: Rgb | None = None
+
+    Table = Named
 
     def turn(self, o: Local, u: tuple[Array, Array]) -> tuple[Local, Array]:
         """Return a direction off a facet that is seen, or else of the lobe of more reflections."""
         roughness = self.kept()
-        first, left, share = pick(1 - lost(roughness, o[2])[0], u[0])
+        first, left, share = pick(1 - self.compensation * lost(roughness, o[2])[0], u[0])
         return turned(roughness * roughness, o, first, (left, u[1])), share
 
     def parts(self, o: Local, i: Local) -> tuple[Array, Array]:
         """Return (f cosθ, pdf) of a direction."""
         roughness, above = self.kept(), jnp.maximum(i[2], 0)
         once, density, cos = off_facets(roughness, o, i)
-        loss, more = more_than_once(self.albedo, roughness, o[2], above)
-        return schlick(self.albedo, cos) * once + more, (1 - loss) * density + loss * above / math.pi
+        straight, coat = self.albedo, schlick(self.albedo, cos)
+        if self.eta is not None and self.k is not None:
+            is_measured = self.eta > 0
+            below, over = ((self.eta + sign) ** 2 + self.k * self.k for sign in (-1, 1))
+            straight = jnp.where(is_measured, self.albedo * (below / over), straight)
+            coat = jnp.where(is_measured, self.albedo * conducted(cos, self.eta, self.k), coat)
+        loss, more = more_than_once(straight, roughness, o[2], above)
+        loss = self.compensation * loss
+        return coat * once + self.compensation * more, (1 - loss) * density + loss * above / math.pi
 
     def kept(self) -> Array:
         """Return the roughness, no less than there may be: fits step beyond."""
@@ -55,6 +68,17 @@ def more_than_once(albedo: Array, roughness: Array, cos_o: Array, cos_i: Array) 
     tint = albedo + (1 - albedo) / 21  # Schlick's reflectance, averaged
     tint = tint * tint / (1 - tint * mean)
     return loss, tint * (loss * back * cos_i * (1 - mean) / (math.pi * mean))
+
+
+def conducted(cos: Array, eta: Array, k: Array) -> Array:
+    """Return the reflectance (3,) of unpolarised light by a metal of index eta + ik (Born & Wolf 1999, §14.2)."""
+    square, sin_squared = cos * cos, 1 - cos * cos
+    real = eta * eta - k * k - sin_squared
+    size = safe_sqrt(real * real + 4 * eta * eta * k * k)
+    twice = cos * safe_sqrt(2 * (size + real))
+    perpendicular = safe_divide(size + square - twice, size + square + twice)
+    first, second = square * size + sin_squared * sin_squared, twice * sin_squared
+    return perpendicular * (1 + safe_divide(first - second, first + second)) / 2
 
 
 def schlick(albedo: Array, cos: Array) -> Array:
