@@ -36,19 +36,24 @@ class Conductor(Faceted):
         first, left, share = pick(1 - self.compensation * lost(roughness, o[2])[0], u[0])
         return turned(roughness * roughness, o, first, (left, u[1])), share
 
-    def parts(self, o: Local, i: Local) -> tuple[Array, Array]:
-        """Return (f cosθ, pdf) of a direction."""
+    def facts(self, o: Local, i: Local) -> tuple[tuple[Array, ...], Array]:
+        """Return f cosθ of one reflection and of more, without colour, and what this depends on; and the pdf."""
         roughness, above = self.kept(), jnp.maximum(i[2], 0)
-        once, density, cos = off_facets(roughness, o, i)
+        single, density, cos = off_facets(roughness, o, i)
+        loss, mean, more = losses(roughness, o[2], above)
+        loss = self.compensation * loss
+        return (single, cos, mean, more), (1 - loss) * density + loss * above / math.pi
+
+    def colour(self, *facts: Array) -> Array:
+        """Return f cosθ (3,)."""
+        single, cos, mean, more = facts
         straight, coat = self.albedo, schlick(self.albedo, cos)
         if self.eta is not None and self.k is not None:
             is_measured = self.eta > 0
             below, over = ((self.eta + sign) ** 2 + self.k * self.k for sign in (-1, 1))
             straight = jnp.where(is_measured, self.albedo * (below / over), straight)
             coat = jnp.where(is_measured, self.albedo * conducted(cos, self.eta, self.k), coat)
-        loss, more = more_than_once(straight, roughness, o[2], above)
-        loss = self.compensation * loss
-        return coat * once + self.compensation * more, (1 - loss) * density + loss * above / math.pi
+        return coat * single + self.compensation * more_than_once(straight, mean) * more
 
     def kept(self) -> Array:
         """Return the roughness, no less than there may be: fits step beyond."""
@@ -58,16 +63,20 @@ class Conductor(Faceted):
 def off_facets(roughness: Array, o: Local, i: Local) -> tuple[Array, Array, Array]:
     """Return f cosθ of one reflection without Fresnel's factor, its density, and the cosine at which facets meet it."""
     h = o[0] + i[0], o[1] + i[1], o[2] + i[2]
-    once, density, squared = facets(roughness * roughness, h, o[2], jnp.maximum(i[2], 0))
-    return once, jnp.where(h[2] > 0, density, 0), safe_sqrt(squared) / 2
+    value, density, squared = facets(roughness * roughness, h, o[2], jnp.maximum(i[2], 0))
+    return value, jnp.where(h[2] > 0, density, 0), safe_sqrt(squared) / 2
 
 
-def more_than_once(albedo: Array, roughness: Array, cos_o: Array, cos_i: Array) -> tuple[Array, Array]:
-    """Return the share of light from `o` that is not reflected once, and f cosθ (3,) of what reflects it more often."""
+def losses(roughness: Array, cos_o: Array, cos_i: Array) -> tuple[Array, Array, Array]:
+    """Return what one reflection loses of light from `o`, and on average, and f cosθ of all that without its colour."""
     (loss, back), mean = lost(roughness, cos_o, cos_i), mean_lost(roughness)
+    return loss, mean, loss * back * cos_i * (1 - mean) / (math.pi * mean)
+
+
+def more_than_once(albedo: Array, mean: Array) -> Array:
+    """Return the colour (3,) of light that is reflected more than once. mean: share that one reflection loses."""
     tint = albedo + (1 - albedo) / 21  # Schlick's reflectance, averaged
-    tint = tint * tint / (1 - tint * mean)
-    return loss, tint * (loss * back * cos_i * (1 - mean) / (math.pi * mean))
+    return tint * tint / (1 - tint * mean)
 
 
 def conducted(cos: Array, eta: Array, k: Array) -> Array:

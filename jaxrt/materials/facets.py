@@ -1,7 +1,8 @@
 """Rough surfaces as facets: normals distributed as by Trowbridge and Reitz (1975, "GGX") with α = roughness².
 
 They mask and shadow each other as by Smith in Heitz's height-correlated form (2014), and are drawn among those that are
-seen (Dupuy & Benyoub 2023). Directions here are three numbers, the last one along the normal.
+seen (Dupuy & Benyoub 2023). Directions here are three numbers, the last one along the normal; what all channels share
+is computed `once`, not for each.
 """
 
 import math
@@ -14,6 +15,7 @@ from jaxrt.core.maths import safe_divide, safe_sqrt
 from jaxrt.core.records import SurfacePoint
 from jaxrt.core.sampling import frame_of, sincos_2pi
 from jaxrt.description.values import require
+from jaxrt.kernels.native import once
 
 SMOOTHEST = 0.05
 LEAST = 1e-12  # keeps quotients finite where nothing is scattered
@@ -27,14 +29,18 @@ def rough(smooth: str) -> object:
 
 
 class Faceted:
-    """What materials of facets share. One tells where light `turn`s to, and the `parts` of it that go there."""
+    """What materials of facets share. One tells where light `turn`s to; its `facts` and `colour` tell how much does."""
 
     def turn(self, o: Local, u: tuple[Array, Array]) -> tuple[Local, Array]:
         """Return a direction, and the chance of the lobe that it is from over the same without derivative."""
         raise NotImplementedError
 
-    def parts(self, o: Local, i: Local) -> tuple[Array, Array]:
-        """Return (f cosθ, pdf) of a direction."""
+    def facts(self, o: Local, i: Local) -> tuple[tuple[Array, ...], Array]:
+        """Return what all channels share of light that goes from one direction to the other, and its pdf."""
+        raise NotImplementedError
+
+    def colour(self, *facts: Array) -> Array:
+        """Return f cosθ (3,)."""
         raise NotImplementedError
 
     def normal_at(self, surface: SurfacePoint, wo: Array) -> Array:
@@ -51,28 +57,39 @@ class Faceted:
         The material's own fields move f alone; the surface moves the direction with its normal, and the chance of the
         lobe that was chosen.
         """
-        held, axes = lax.stop_gradient(self), _axes(self.normal_at(surface, wo))
-        o = _along(axes, wo)
-        i, share = held.turn(o, u)
-        value, pdf = self.parts(o, i)[0], held.parts(o, i)[1]
-        wi = jnp.stack([inner(i, column) for column in zip(*axes, strict=True)])
-        return wi, value * safe_divide(share, pdf), pdf
+        normal = self.normal_at(surface, wo)
+        (o,) = once(_along)(normal, wo)
+        i, share = once(type(self).turn)(lax.stop_gradient(self), o, u)
+        facts, pdf = once(_facts)(self, o, i)
+        value = self.colour(*facts)
+        return once(_back)(normal, i), value * safe_divide(share, pdf), pdf
 
     def evaluate(self, surface: SurfacePoint, wo: Array, wi: Array) -> tuple[Array, Array]:
         """Return (f cosθ, pdf) of a direction."""
-        axes = _axes(self.normal_at(surface, wo))
-        return self.parts(_along(axes, wo), _along(axes, wi))
+        o, i = once(_along)(self.normal_at(surface, wo), wo, wi)
+        facts, pdf = once(_facts)(self, o, i)
+        return self.colour(*facts), pdf
 
 
-def _axes(normal: Array) -> tuple[Sequence[Array], ...]:
+def _facts(one: Faceted, o: Local, i: Local) -> tuple[tuple[Array, ...], Array]:
+    """Return the facts, and the pdf without derivative in the material's own fields."""
+    return one.facts(o, i)[0], lax.stop_gradient(one).facts(o, i)[1]
+
+
+def _along(normal: Array, *directions: Array) -> list[Local]:
+    """Return directions (3,) along the normal's frame."""
+    t, b, n = _axes(normal)
+    return [(inner(t, v), inner(b, v), inner(n, v)) for v in map(_components, directions)]
+
+
+def _back(normal: Array, i: Local) -> Array:
+    """Return the direction (3,) of one along the normal's frame."""
+    return jnp.stack([inner(i, column) for column in zip(*_axes(normal), strict=True)])
+
+
+def _axes(normal: Array) -> tuple[Sequence[Array], Sequence[Array], Sequence[Array]]:
     n = _components(normal)
     return (*frame_of(*n), n)
-
-
-def _along(axes: tuple[Sequence[Array], ...], direction: Array) -> Local:
-    components = _components(direction)
-    x, y, z = (inner(axis, components) for axis in axes)
-    return x, y, z
 
 
 def _components(v: Array) -> Local:

@@ -34,18 +34,21 @@ class Plastic(Faceted):
         first, left, share = pick(self.chance(fresnel(o[2], ior)[0]), u[0])
         return turned(roughness * roughness, o, first, (left, u[1])), share
 
-    def parts(self, o: Local, i: Local) -> tuple[Array, Array]:
-        """Return (f cosθ, pdf) of a direction."""
+    def facts(self, o: Local, i: Local) -> tuple[tuple[Array, ...], Array]:
+        """Return f cosθ of the coat, that of a white beneath that throws nothing back, and what does; and the pdf."""
         roughness, ior = self.kept()
-        above = jnp.maximum(i[2], 0)
-        once, density, cos = off_facets(roughness, o, i)
-        # One call for the three angles
-        coat, out, back = fresnel(jnp.stack([cos, o[2], above]), jnp.broadcast_to(ior, 3))[0]
+        even = jnp.maximum(i[2], 0) / math.pi
+        single, density, cos = off_facets(roughness, o, i)
+        coat, out, back = (fresnel(each, ior)[0] for each in (cos, o[2], jnp.maximum(i[2], 0)))
         inner = 1 - (1 - mean_fresnel(ior)) / (ior * ior)  # what the coat throws back into the colour
-        even = above / math.pi
-        beneath = self.albedo / (1 - self.albedo * inner) * ((1 - out) * (1 - back) / (ior * ior) * even)
         chance = self.chance(out)
-        return coat * once + beneath, chance * density + (1 - chance) * even
+        beneath = (1 - out) * (1 - back) / (ior * ior) * even
+        return (coat * single, beneath, inner), chance * density + (1 - chance) * even
+
+    def colour(self, *facts: Array) -> Array:
+        """Return f cosθ (3,)."""
+        coat, beneath, inner = facts
+        return coat + self.albedo / (1 - self.albedo * inner) * beneath
 
     def chance(self, reflected: Array) -> Array:
         """Return the probability with which the coat's reflection is taken: about its share of what is reflected."""

@@ -8,7 +8,7 @@ from jax import Array
 
 from jaxrt.description.fields import Albedo, Flag, Fraction
 from jaxrt.description.kinds import material
-from jaxrt.materials.conductor import more_than_once, off_facets, schlick
+from jaxrt.materials.conductor import losses, more_than_once, off_facets, schlick
 from jaxrt.materials.directional import lost
 from jaxrt.materials.facets import SMOOTHEST, Faceted, Local, pick, rough, turned
 
@@ -30,16 +30,21 @@ class Principled(Faceted):
         first, left, share = pick(_chance(straight, even, lost(roughness, o[2])[0], o[2]), u[0])
         return turned(roughness * roughness, o, first, (left, u[1])), share
 
-    def parts(self, o: Local, i: Local) -> tuple[Array, Array]:
-        """Return (f cosθ, pdf) of a direction."""
+    def facts(self, o: Local, i: Local) -> tuple[tuple[Array, ...], Array]:
+        """Return f cosθ of facets and of what is even, without colour, and what these depend on; and the pdf."""
         roughness, straight, even = self.kept()
         above = jnp.maximum(i[2], 0)
-        once, density, cos = off_facets(roughness, o, i)
-        loss, more = more_than_once(straight, roughness, o[2], above)
-        coat, flat = schlick(straight, cos), above / math.pi
-        chance = _chance(straight, even, loss, o[2])
-        value = coat * once + (1 - coat) * even * flat + more * self.compensation
-        return value, chance * density + (1 - chance) * flat
+        single, density, cos = off_facets(roughness, o, i)
+        loss, mean, more = losses(roughness, o[2], above)
+        chance, flat = _chance(straight, even, loss, o[2]), above / math.pi
+        return (single, flat, cos, mean, more), chance * density + (1 - chance) * flat
+
+    def colour(self, *facts: Array) -> Array:
+        """Return f cosθ (3,)."""
+        single, flat, cos, mean, more = facts
+        _, straight, even = self.kept()
+        coat = schlick(straight, cos)
+        return coat * single + (1 - coat) * even * flat + self.compensation * more_than_once(straight, mean) * more
 
     def kept(self) -> tuple[Array, Array, Array]:
         """Return the roughness, what is reflected along the normal, and the colour beneath."""

@@ -61,14 +61,14 @@ class RoughGlass(Faceted):
         kept = jnp.where(first, z > 0, passes & (z < 0))
         return (x, y, side * z), jnp.where(kept, share, 0)
 
-    def parts(self, o: Local, i: Local) -> tuple[Array, Array]:
-        """Return (f cosθ, pdf) of a direction; radiance that passes changes by the square of the index."""
+    def facts(self, o: Local, i: Local) -> tuple[tuple[Array, ...], Array]:
+        """Return f cosθ, and the pdf; radiance that passes changes by the square of the index."""
         alpha, eta, side, o = self.seen(o)
         i = (i[0], i[1], side * i[2])
         passes = i[2] < 0
         scale = jnp.where(passes, eta, 1)
         h = o[0] + scale * i[0], o[1] + scale * i[1], o[2] + scale * i[2]
-        once, density, squared = facets(alpha, h, o[2], jnp.abs(i[2]))
+        single, density, squared = facets(alpha, h, o[2], jnp.abs(i[2]))
         up, length = sign_or_one(h[2]), safe_sqrt(squared)
         cos_o, cos_i = (up * safe_divide(inner(each, h), length) for each in (o, i))
         reflectance = fresnel(jnp.maximum(cos_o, 0), eta)[0]
@@ -76,8 +76,12 @@ class RoughGlass(Faceted):
         faced = (cos_o > 0) & (passes == (cos_i < 0))
         share, chance = reflectance, _chance(o, eta)
         share, chance = (jnp.where(passes, 1 - each, each) for each in (share, chance))
-        value = jnp.where(faced, once * share * spread, 0)
-        return value * jnp.ones(3, value.dtype), jnp.where(faced, density * chance * spread * scale * scale, 0)
+        value = jnp.where(faced, single * share * spread, 0)
+        return (value,), jnp.where(faced, density * chance * spread * scale * scale, 0)
+
+    def colour(self, *facts: Array) -> Array:
+        """Return f cosθ (3,)."""
+        return facts[0] * jnp.ones(3, facts[0].dtype)
 
     def seen(self, o: Local) -> tuple[Array, Array, Array, Local]:
         """Return α, the index of the far side over the near one, the side, and `o` as if from above it."""
