@@ -49,7 +49,7 @@ class RoughGlass(Faceted):
     def turn(self, o: Local, u: tuple[Array, Array]) -> tuple[Local, Array]:
         """Return a direction reflected or refracted by a facet that is seen."""
         alpha, eta, side, o = self.seen(o)
-        first, left, share = pick(_chance(o, eta), u[0])
+        first, left, share = pick(_chance(alpha, o, eta), u[0])
         facet = visible_normal(alpha, o, (left, u[1]))
         cos = inner(o, facet)
         squared = (cos * cos + (eta - 1) * (eta + 1)) / (eta * eta)
@@ -74,7 +74,7 @@ class RoughGlass(Faceted):
         reflectance = fresnel(jnp.maximum(cos_o, 0), eta)[0]
         spread = jnp.where(passes, safe_divide(-4 * cos_o * cos_i, squared), 1)
         faced = (cos_o > 0) & (passes == (cos_i < 0))
-        share, chance = reflectance, _chance(o, eta)
+        share, chance = reflectance, _chance(alpha, o, eta)
         share, chance = (jnp.where(passes, 1 - each, each) for each in (share, chance))
         value = jnp.where(faced, single * share * spread, 0)
         return (value,), jnp.where(faced, density * chance * spread * scale * scale, 0)
@@ -92,6 +92,11 @@ class RoughGlass(Faceted):
         return roughness * roughness, eta, side, (o[0], o[1], side * o[2])
 
 
-def _chance(o: Local, eta: Array) -> Array:
-    """Return the probability with which reflection is taken: about its share, and never none nor all."""
-    return 0.05 + 0.9 * fresnel(o[2], eta)[0]
+def _chance(alpha: Array, o: Local, eta: Array) -> Array:
+    """Return the probability with which reflection is taken: about its share, nearer to a half the rougher it is.
+
+    Facets that are seen turn to the eye; beyond the critical angle many let light pass, before it many do not.
+    """
+    steep, flat = (fresnel(jnp.minimum(o[2] + turn * alpha, 1), eta)[0] for turn in (0.2, 1.5))
+    unsure = 0.04 + 0.7 * alpha
+    return (unsure + (1 - unsure) * (steep + flat)) / 2
