@@ -189,7 +189,7 @@ class Family:
             measure = measure_of(get_args(given)[1:])
             if field in RESERVED or field.startswith("_"):
                 raise TypeError(f"{self.word} {cls.__qualname__}: {field} cannot be a field: name it otherwise")
-            if measure is not None:
+            if measure is not None and not (is_optional and self._named):  # rows with names count all
                 measures[field] = measure
             elif self._rows:
                 raise TypeError(
