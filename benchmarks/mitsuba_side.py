@@ -36,7 +36,13 @@ def bsdf_of(material):
     """Return the BSDF dict of one `[materials.NAME]` table: two-sided, glass by nature."""
     if material["type"] == "glass":
         return {"type": "dielectric", "int_ior": float(material["ior"]), "ext_ior": 1.0}
-    if material["type"] == "mirror":
+    facets = {"distribution": "ggx", "alpha": float(material.get("roughness", 0.3)) ** 2}
+    if material["type"] == "rough_glass":
+        return {"type": "roughdielectric", "int_ior": float(material["ior"]), "ext_ior": 1.0, **facets}
+    if material["type"] == "conductor":
+        index = {name: rgb(material[name]) for name in ("eta", "k")}
+        inner = {"type": "roughconductor", **index, **facets}
+    elif material["type"] == "mirror":
         albedo = rgb(material.get("albedo", 1.0))
         inner = {"type": "conductor", "material": "none", "specular_reflectance": albedo}
     else:

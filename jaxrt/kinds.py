@@ -10,9 +10,11 @@ from jaxrt.core.sampling import (
     sample_uniform_sphere,
 )
 from jaxrt.description.fields import (
+    Absorption,
     Albedo,
     Angle,
     Direction,
+    Flag,
     Fraction,
     Ior,
     LightRadius,
@@ -29,9 +31,11 @@ from jaxrt.description.kinds import camera, light, material
 from jaxrt.description.values import Measure, require
 
 __all__ = [
+    "Absorption",
     "Albedo",
     "Angle",
     "Direction",
+    "Flag",
     "Fraction",
     "Ior",
     "LightRadius",

@@ -50,6 +50,7 @@ class SurfacePoint:
     material: Array  # () int32 row of the scene's materials; rows past the last one are sphere lights
     smooth: Smooth | None = None  # None in scenes without smooth meshes
     chart: Chart | None = None  # None in scenes without textures
+    travelled: Array | None = None  # () length of the ray that found it; None in scenes without absorption
 
     @property
     def shading(self) -> Array:

@@ -41,12 +41,16 @@ def _polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
 
 def frame(n: Array) -> tuple[Array, Array]:
     """Return unit (t, b) that make (t, b, n) right-handed and orthonormal, any unit n (Duff et al. 2017)."""
-    x, y, z = n[0], n[1], n[2]
-    sign = jnp.where(z >= 0, 1, -1).astype(n.dtype)
+    t, b = frame_of(n[0], n[1], n[2])
+    return jnp.stack(t), jnp.stack(b)
+
+
+def frame_of(x: Array, y: Array, z: Array) -> tuple[list[Array], list[Array]]:
+    """Return `frame` of a normal's components, as components."""
+    sign = jnp.where(z >= 0, 1, -1).astype(z.dtype)
     a = -1 / (sign + z)
     xy = x * y * a
-    t = jnp.stack([1 + sign * x * x * a, sign * xy, -sign * x])
-    return t, jnp.stack([xy, sign + y * y * a, -y])
+    return [1 + sign * x * x * a, sign * xy, -sign * x], [xy, sign + y * y * a, -y]
 
 
 def around(axis: Array, sin: Array, cos: Array, turn: Array) -> Array:

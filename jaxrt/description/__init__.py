@@ -24,6 +24,7 @@ from jaxrt.description.values import (
     LONGEST,
     SHORTEST,
     Count,
+    Measure,
     Name,
     Number,
     Pair,
@@ -203,6 +204,18 @@ class SceneDescription(Table):
         solids: list[Solid] = [*self.spheres, *self.triangles]
         from_meshes = {mesh.names[row] for mesh in self.meshes for row in np.unique(mesh.rows)}
         return from_meshes | {solid.material for solid in solids}
+
+    def fields_of(self, name: str) -> dict[str, Measure]:
+        """Return the parameters of a material: of optional ones those that it, or another that is used as it, gives."""
+        table, used = self.materials[name], self.used
+        kind = MATERIALS.kind_of(table)
+        alike: list[Any] = [self.materials[other] for other in used if name in used]
+        tables = [each for each in alike if MATERIALS.kind_of(each) is kind] or [table]
+        return {
+            field: measure
+            for field, measure in kind.parameters.items()
+            if field not in kind.optional or any(getattr(each, field) is not None for each in tables)
+        }
 
     @property
     def origin(self) -> np.ndarray:

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BeforeValidator
 from jaxrt.description import values
 from jaxrt.description.values import (
     BRIGHTEST,
+    LONGEST,
     TOO_BRIGHT,
     Measure,
     Number,
@@ -38,6 +39,18 @@ def _grey(value: Any) -> Any:
     return (grey, grey, grey)
 
 
+def _not_opaque(value: tuple[float, ...]) -> tuple[float, ...]:
+    if max(value) > LONGEST:
+        raise complaint(f"{show(value)} leaves nothing of any light: use 1e15 or less, or the type conductor")
+    return value
+
+
+def _flag(value: Any) -> Any:
+    if not isinstance(value, bool):
+        raise complaint(f"{show(plain(value))} is neither true nor false: write one of these, without quotes")
+    return value
+
+
 def _not_zero(value: tuple[float, ...]) -> tuple[float, ...]:
     if not np.any(np.asarray(value, np.float32)):
         raise complaint(f"{show(value)} is zero: use a direction such as [0, 1, 0]")
@@ -46,10 +59,12 @@ def _not_zero(value: tuple[float, ...]) -> tuple[float, ...]:
 
 if TYPE_CHECKING:  # arrays to those who compute with them, numbers and tuples to those who write defaults
     Albedo: TypeAlias = Any
+    Absorption: TypeAlias = Any
     Angle: TypeAlias = Any
     Coefficient: TypeAlias = Any
     Direction: TypeAlias = Any
     Fraction: TypeAlias = Any
+    Flag: TypeAlias = Any
     FullAngle: TypeAlias = Any
     Ior: TypeAlias = Any
     LightRadius: TypeAlias = Any
@@ -65,6 +80,15 @@ else:
     # Colours: share of each channel that is reflected; light of each channel, one number for grey
     Albedo = Annotated[values.Albedo, Measure("fraction", "rgb", "[0.8, 0.8, 0.8]", tints=True)]
     Rgb = Annotated[values.Rgb, BeforeValidator(_grey), Measure("positive", "rgb", "[1, 1, 1]", tints=True)]
+    # Of light that goes through, per unit of length: so much that nothing is left over the shortest
+    Absorption = Annotated[
+        values.Rgb,
+        AfterValidator(_not_opaque),
+        BeforeValidator(_grey),
+        Measure("positive", "rgb", "[0.1, 0.5, 1]", tints=True),
+    ]
+    # Yes or no: a number that is no parameter
+    Flag = Annotated[bool, BeforeValidator(_flag), Measure("fixed", "", "true")]
     # Single numbers
     Fraction = Annotated[
         Number,

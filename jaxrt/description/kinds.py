@@ -52,7 +52,7 @@ class Kind(NamedTuple):
     table: type[Table]  # its table in scene files
     measures: dict[str, Measure]  # by field: its arrays
     settings: tuple[str, ...]  # other fields: part of the pytree's structure
-    optional: frozenset[str] = frozenset()  # those of its arrays that may be absent: None, and then no code
+    optional: frozenset[str] = frozenset()  # may be absent: None, and then no code; 0 where other rows are there
 
     @property
     def parameters(self) -> dict[str, Measure]:
@@ -76,9 +76,10 @@ class Kind(NamedTuple):
         leaves = {}
         for field, measure in self.measures.items():
             given = [getattr(table, field) for table in tables]
-            if given[0] is None:
+            if all(value is None for value in given):
                 continue
-            values = np.asarray(given, float).reshape(-1, *measure.shape)
+            nothing = np.zeros(measure.shape)
+            values = np.asarray([nothing if value is None else value for value in given], float)
             leaves[field] = jnp.asarray(values - origin if measure.range == "place" else values, dtype)
         return self.cls(**leaves, **{name: getattr(tables[0], name) for name in self.settings})
 
@@ -188,7 +189,7 @@ class Family:
             measure = measure_of(get_args(given)[1:])
             if field in RESERVED or field.startswith("_"):
                 raise TypeError(f"{self.word} {cls.__qualname__}: {field} cannot be a field: name it otherwise")
-            if measure is not None and not (is_optional and self._rows):
+            if measure is not None and not (is_optional and self._named):  # rows with names count all
                 measures[field] = measure
             elif self._rows:
                 raise TypeError(
@@ -201,7 +202,8 @@ class Family:
             plain = default is not ... and not isinstance(default, FieldInfo)
             if plain and measure is not None and self._is_tried(cls):
                 self._check_default(cls, field, hint, default)
-            if measure is not None and self._textured and paintable(measure, getattr(cls, "is_delta", False)):
+            can_be_textures = self._textured and not is_optional
+            if measure is not None and can_be_textures and paintable(measure, getattr(cls, "is_delta", False)):
                 hint = Annotated[hint, WrapValidator(partial(painted, measure))]
             columns[field] = (hint, Field(default=default, validate_default=True) if plain else default)
         return measures, tuple(settings), columns

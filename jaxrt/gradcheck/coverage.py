@@ -15,6 +15,7 @@ SUNK = "curves where lights are sunk into surfaces"
 SPECULAR = "edges that diffuse surfaces see in mirrors and through glass"
 BEHIND = "caustics and indirect shadows seen in mirrors and through glass"
 GLOSSY = "outlines that glossy surfaces see"
+TINTED = "the right weight of edges whose light passes through rough or tinted glass"
 AFAR = "shadow edges of lights that are at no place"
 SCATTERED = "all edges: the camera's rays start at many places"
 
@@ -121,9 +122,15 @@ def _unknown_edges(scene: Scene, motion: Motion, max_depth: int) -> list[str]:
         SPECULAR: outlines and motion.shows and lit and (ahead > 1 or (sky and ahead > 0)),
         BEHIND: (motion.lamps or motion.views) and motion.shows and lit and _have_places(scene) and ahead > 1,
         GLOSSY: outlines and motion.faced and scene.materials.are_glossy and (sky or ahead > 0),
+        TINTED: (motion.lamps or motion.views) and _dims(scene) and lit and _have_places(scene),
         AFAR: motion.far and motion.faced and lit,
     }
     return [edge for edge, there in edges.items() if there]
+
+
+def _dims(scene: Scene) -> bool:
+    """Return whether light passes through anything by which its power is not what the edges' tracing takes it for."""
+    return scene.materials.absorb or any(kind.transmits and not kind.is_delta for kind in scene.materials.kinds)
 
 
 def _have_places(scene: Scene) -> bool:

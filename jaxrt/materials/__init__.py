@@ -13,17 +13,19 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.core.maths import safe_divide
+from jaxrt.core.maths import dot, safe_divide
 from jaxrt.core.pytree import dtype_of, pytree, with_fields
 from jaxrt.core.records import SurfacePoint
 from jaxrt.description.kinds import MATERIALS
 from jaxrt.kernels.gather import take
+from jaxrt.materials.facets import Faceted
 from jaxrt.textures import Textures, painted
 from jaxrt.textures.recording import WIDTH
 
 __all__ = ["Materials", "Scattering", "albedo_of", "evaluate", "scatter", "single"]
 
-MATERIALS.load("diffuse", "mirror", "glass", "conductor", "plastic")  # one file each, numbered in this order
+# One file each, numbered in this order
+MATERIALS.load("diffuse", "mirror", "glass", "conductor", "plastic", "rough_glass", "principled")
 _TEXTURES = "textures"
 
 
@@ -80,6 +82,11 @@ class Materials:
         return any(not (kind.is_delta or kind.is_lambertian) for kind in self.kinds)
 
     @property
+    def absorb(self) -> bool:
+        """Whether light fades inside any."""
+        return any(getattr(kind, "absorption", None) is not None for kind in self.kinds)
+
+    @property
     def bends(self) -> tuple[tuple[str, str], ...]:
         """Kinds of single directions, and the fields of theirs on which the directions may depend."""
         delta = [kind.kind for kind in self.kinds if kind.is_delta]
@@ -130,6 +137,8 @@ def scatter(materials: Materials, surface: SurfacePoint, wo: Array, u: tuple[Arr
         else:
             *drawn, density = _sample_glossy(one, surface, wo, u)
             pdf = jnp.where(here, density, 0 if pdf is None else pdf)
+        if (left := transmittance(one, surface, wo)) is not None:
+            drawn = drawn[0], drawn[1] * left
         direction, weight = drawn if kind.is_lambertian and first == 0 else _select(here, drawn, (direction, weight))
         first = end
     lambertian, delta, last = materials.ends
@@ -140,6 +149,9 @@ def scatter(materials: Materials, surface: SurfacePoint, wo: Array, u: tuple[Arr
 def _sample_glossy(one: Any, surface: SurfacePoint, wo: Array, u: tuple[Array, Array]) -> tuple[Array, Array, Array]:
     """Return direction, weight and density of the direction at a surface of one glossy material."""
     # The kind's own weight moves with the surface: it knows which lobe was chosen, and how its chance moves
+    if isinstance(one, Faceted):
+        direction, weight, pdf = one.draw(surface, wo, u)
+        return direction, weight, lax.stop_gradient(pdf)
     direction, weight = lax.stop_gradient(one).sample(surface, wo, u)
     value, pdf = one.evaluate(*lax.stop_gradient((surface, wo, direction)))
     pdf = lax.stop_gradient(pdf)
@@ -154,10 +166,38 @@ def evaluate(materials: Materials, surface: SurfacePoint, wo: Array, wi: Array) 
     for kind, end in zip(materials.kinds, accumulate(materials.counts), strict=True):
         if not (kind.is_delta or kind.is_lambertian):
             here = _within(surface.material, first, end)
-            found = _row(materials, kind, surface, first, end, again=True).evaluate(surface, wo, wi)
+            one = _row(materials, kind, surface, first, end, again=True)
+            found = one.evaluate(surface, wo, wi)
+            if (left := transmittance(one, surface, wo)) is not None:
+                found = found[0] * left, found[1]
             value, pdf = jnp.where(here, found[0], value), jnp.where(here, lax.stop_gradient(found[1]), pdf)
         first = end
     return value, pdf
+
+
+def transmittance(one: Any, surface: SurfacePoint, wo: Array) -> Array | None:
+    """Return the share (3,) of light that is left on the way through a material's inside to its surface; 1 outside.
+
+    None of a material that absorbs none. After Beer and Lambert: exp(−absorption · length).
+    """
+    if getattr(one, "absorption", None) is None or surface.travelled is None:
+        return None
+    inside = dot(surface.shading, wo) < 0
+    return jnp.exp(-one.absorption * jnp.where(inside, surface.travelled, 0))
+
+
+def absorption_of(materials: Materials, surface: SurfacePoint) -> tuple[Array, Array]:
+    """Return what light loses (3,) per unit of length inside of a surface, and whether it passes through that."""
+    absorption, clear, first = jnp.zeros_like(surface.position), jnp.zeros((), bool), 0
+    for kind, end in zip(materials.kinds, accumulate(materials.counts), strict=True):
+        if kind.transmits:
+            here = _within(surface.material, first, end)
+            clear = here | clear
+            if getattr(kind, "absorption", None) is not None:
+                own = take(kind.absorption, jnp.clip(surface.material - first, 0, end - first - 1))
+                absorption = jnp.where(here, own, absorption)
+        first = end
+    return absorption, clear
 
 
 def albedo_of(materials: Materials, surface: SurfacePoint) -> Array:

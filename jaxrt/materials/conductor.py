@@ -1,88 +1,96 @@
-"""Rough metal: microfacets, once reflected and more.
+"""Rough metal: facets that reflect once and more.
 
-Normals are distributed as by Trowbridge and Reitz (1975, "GGX") with α = roughness², masked and shadowed as by Smith in
-Heitz's height-correlated form (2014), and drawn among those that are seen (Dupuy & Benyoub 2023). Fresnel's reflectance
-is Schlick's (1994). What one reflection loses between the facets comes back by the lobe of Kulla and Conty (2017).
+Fresnel's reflectance is Schlick's (1994), or that of a measured complex index. What one reflection loses between the
+facets comes back by the lobe of Kulla and Conty (2017).
 """
 
 import math
 from typing import Annotated
 
 import jax.numpy as jnp
-from jax import Array, lax
+from jax import Array
 
-from jaxrt.core.maths import dot, normalize, reflect, safe_divide, safe_sqrt
-from jaxrt.core.records import SurfacePoint
-from jaxrt.core.sampling import around, sample_cosine_hemisphere
-from jaxrt.description.fields import Albedo, Fraction
+from jaxrt.core.maths import safe_divide, safe_sqrt
+from jaxrt.description.fields import Albedo, Flag, Fraction, Rgb
 from jaxrt.description.kinds import material
-from jaxrt.description.values import require
-from jaxrt.materials.directional import mean_albedo, reflected_once
-
-SMOOTHEST = 0.05
-ROUGH = f"is below {SMOOTHEST}: use {SMOOTHEST} or more, or the type mirror"
+from jaxrt.materials.directional import lost, mean_lost
+from jaxrt.materials.facets import SMOOTHEST, Faceted, Local, facets, pick, rough, turned
+from jaxrt.materials.metals import Named
 
 
 @material
-class Conductor:
-    """A rough metal; `albedo` is what it reflects of light along the normal."""
+class Conductor(Faceted):
+    """A rough metal; `albedo` is what it reflects of light along the normal, or the factor of a measured one's."""
 
-    albedo: Albedo
-    roughness: Annotated[Fraction, require(lambda x: x >= SMOOTHEST, ROUGH)] = 0.3
+    albedo: Albedo = (1.0, 1.0, 1.0)
+    roughness: Annotated[Fraction, rough("mirror")] = 0.3
+    compensation: Flag = True
+    eta: Rgb | None = None
+    k: Rgb | None = None
 
-    def sample(self, surface: SurfacePoint, wo: Array, u: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Return (direction, weight): off a facet that is seen, or else the lobe of more reflections."""
-        roughness, normal = self.kept(), surface.facing(wo)
-        once = reflected_once(roughness, dot(normal, wo))
-        held = lax.stop_gradient(once)
-        first = u[0] < held
-        stretched = jnp.where(first, u[0] / held, safe_divide(u[0] - held, 1 - held)), u[1]
-        facet = visible_normal(roughness * roughness, normal, wo, stretched)
-        wi = jnp.where(first, reflect(wo, facet), sample_cosine_hemisphere(normal, stretched))
-        value, pdf = self.evaluate(surface, wo, wi)
-        # The choice is held; its probability is differentiated
-        share = jnp.where(first, once / held, safe_divide(1 - once, 1 - held))
-        return wi, safe_divide(value * share, pdf * jnp.ones_like(value))
+    Table = Named
 
-    def evaluate(self, surface: SurfacePoint, wo: Array, wi: Array) -> tuple[Array, Array]:
-        """Return (f cosθ, pdf) of a direction."""
-        roughness, normal = self.kept(), surface.facing(wo)
-        cos_o, cos_i = dot(normal, wo), dot(normal, wi)
-        above = jnp.maximum(cos_i, 0)
-        half = normalize(wo + wi)
-        single, density = facets(roughness * roughness, normal, half, cos_o, above)
-        fresnel = self.albedo + (1 - self.albedo) * jnp.maximum(1 - dot(half, wo), 0) ** 5
-        once, back = reflected_once(roughness, cos_o), reflected_once(roughness, above)
-        mean = mean_albedo(roughness)
-        tint = self.albedo + (1 - self.albedo) / 21  # Schlick's reflectance, averaged
-        tint = tint * tint * mean / (1 - tint * (1 - mean))
-        more = safe_divide((1 - once) * (1 - back), math.pi * (1 - mean)) * above
-        return fresnel * single + tint * more, once * density + (1 - once) * above / math.pi
+    def turn(self, o: Local, u: tuple[Array, Array]) -> tuple[Local, Array]:
+        """Return a direction off a facet that is seen, or else of the lobe of more reflections."""
+        roughness = self.kept()
+        first, left, share = pick(1 - self.compensation * lost(roughness, o[2])[0], u[0])
+        return turned(roughness * roughness, o, first, (left, u[1])), share
+
+    def facts(self, o: Local, i: Local) -> tuple[tuple[Array, ...], Array]:
+        """Return f cosθ of one reflection and of more, without colour, and what this depends on; and the pdf."""
+        roughness, above = self.kept(), jnp.maximum(i[2], 0)
+        single, density, cos = off_facets(roughness, o, i)
+        loss, mean, more = losses(roughness, o[2], above)
+        loss = self.compensation * loss
+        return (single, cos, mean, more), (1 - loss) * density + loss * above / math.pi
+
+    def colour(self, *facts: Array) -> Array:
+        """Return f cosθ (3,)."""
+        single, cos, mean, more = facts
+        straight, coat = self.albedo, schlick(self.albedo, cos)
+        if self.eta is not None and self.k is not None:
+            is_measured = self.eta > 0
+            below, over = ((self.eta + sign) ** 2 + self.k * self.k for sign in (-1, 1))
+            straight = jnp.where(is_measured, self.albedo * (below / over), straight)
+            coat = jnp.where(is_measured, self.albedo * conducted(cos, self.eta, self.k), coat)
+        return coat * single + self.compensation * more_than_once(straight, mean) * more
 
     def kept(self) -> Array:
         """Return the roughness, no less than there may be: fits step beyond."""
         return jnp.maximum(self.roughness, SMOOTHEST)
 
 
-def visible_normal(alpha: Array, normal: Array, wo: Array, u: tuple[Array, Array]) -> Array:
-    """Return the normal of a facet that `wo` sees: on a cap of the hemisphere that facets are stretched to."""
-    cos = dot(normal, wo)
-    stretched = normalize(alpha * (wo - cos * normal) + cos * normal)
-    height = 1 - u[1] * (1 + dot(normal, stretched))
-    cap = around(normal, safe_sqrt(1 - height * height), height, u[0]) + stretched
-    above = dot(normal, cap)
-    return normalize(alpha * (cap - above * normal) + above * normal)
+def off_facets(roughness: Array, o: Local, i: Local) -> tuple[Array, Array, Array]:
+    """Return f cosθ of one reflection without Fresnel's factor, its density, and the cosine at which facets meet it."""
+    h = o[0] + i[0], o[1] + i[1], o[2] + i[2]
+    value, density, squared = facets(roughness * roughness, h, o[2], jnp.maximum(i[2], 0))
+    return value, jnp.where(h[2] > 0, density, 0), safe_sqrt(squared) / 2
 
 
-def facets(alpha: Array, normal: Array, half: Array, cos_o: Array, cos_i: Array) -> tuple[Array, Array]:
-    """Return f cosθ without Fresnel's factor, and the density of `visible_normal`'s reflections.
+def losses(roughness: Array, cos_o: Array, cos_i: Array) -> tuple[Array, Array, Array]:
+    """Return what one reflection loses of light from `o`, and on average, and f cosθ of all that without its colour."""
+    (loss, back), mean = lost(roughness, cos_o, cos_i), mean_lost(roughness)
+    return loss, mean, loss * back * cos_i * (1 - mean) / (math.pi * mean)
 
-    half: (3,) unit, between both directions.
-    """
-    squared, upright = alpha * alpha, dot(normal, half)
-    across = half - upright * normal  # 1 − cos² would lose what small angles are
-    spread = squared * upright * upright + dot(across, across)
-    distribution = jnp.where(upright > 0, safe_divide(squared, math.pi * spread * spread), 0)
-    far_o, far_i = (safe_sqrt(squared + (1 - squared) * cos * cos) for cos in (cos_o, cos_i))
-    value = safe_divide(distribution * cos_i, 2 * (cos_o * far_i + cos_i * far_o))
-    return value, safe_divide(distribution, 2 * (cos_o + far_o))
+
+def more_than_once(albedo: Array, mean: Array) -> Array:
+    """Return the colour (3,) of light that is reflected more than once. mean: share that one reflection loses."""
+    tint = albedo + (1 - albedo) / 21  # Schlick's reflectance, averaged
+    return tint * tint / (1 - tint * mean)
+
+
+def conducted(cos: Array, eta: Array, k: Array) -> Array:
+    """Return the reflectance (3,) of unpolarised light by a metal of index eta + ik (Born & Wolf 1999, §14.2)."""
+    square, sin_squared = cos * cos, 1 - cos * cos
+    real = eta * eta - k * k - sin_squared
+    size = safe_sqrt(real * real + 4 * eta * eta * k * k)
+    twice = cos * safe_sqrt(2 * (size + real))
+    perpendicular = safe_divide(size + square - twice, size + square + twice)
+    first, second = square * size + sin_squared * sin_squared, twice * sin_squared
+    return perpendicular * (1 + safe_divide(first - second, first + second)) / 2
+
+
+def schlick(albedo: Array, cos: Array) -> Array:
+    """Return the reflectance at an angle of that cosine of what reflects `albedo` along the normal (Schlick 1994)."""
+    rest = jnp.maximum(1 - cos, 0)
+    return albedo + (1 - albedo) * (rest * rest * rest * rest * rest)

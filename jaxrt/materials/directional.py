@@ -20,29 +20,41 @@ POINTS = 64  # of the quadrature, along each axis
 Floats = NDArray[np.float64]
 
 
-def reflected_once(roughness: Array, cos: Array) -> Array:
-    """Return the share () of light at an angle of that cosine, 0 to 1, that leaves after one reflection."""
-    table, _ = _tables()
+def lost(roughness: Array, *cosines: Array) -> tuple[Array, ...]:
+    """Return the shares () of light at angles of these cosines, 0 to 1, that one reflection does not send out."""
+    cells, _ = _cells()
     i, u = _cell(roughness)
-    j, v = _cell(jnp.sqrt(jnp.clip(cos, 1e-6, 1)))
-    cells, first = jnp.asarray(table.ravel(), u.dtype), COUNT * i + j
-    below, above = (take(cells, first + k) * (1 - v) + take(cells, first + k + 1) * v for k in (0, COUNT))
-    return below * (1 - u) + above * u
+    shares = []
+    for cos in cosines:
+        j, v = _cell(jnp.sqrt(jnp.maximum(cos, 1e-6)))
+        a, b, c, d = take(jnp.asarray(cells, u.dtype), (COUNT - 1) * i + j)
+        shares.append(a + b * v + u * (c + d * v))
+    return tuple(shares)
 
 
-def mean_albedo(roughness: Array) -> Array:
-    """Return `reflected_once` of light from everywhere, weighed by the cosine."""
-    _, means = _tables()
+def mean_lost(roughness: Array) -> Array:
+    """Return `lost` of light from everywhere, weighed by the cosine."""
+    _, means = _cells()
     i, u = _cell(roughness)
-    cells = jnp.asarray(means, u.dtype)
-    return take(cells, i) * (1 - u) + take(cells, i + 1) * u
+    a, b = take(jnp.asarray(means, u.dtype), i)
+    return a + b * u
 
 
 def _cell(x: Array) -> tuple[Array, Array]:
     """Return the cell of 0 to 1 in which x lies, and where in it."""
-    place = jnp.clip(x, 0, 1) * (COUNT - 1)
+    place = jnp.minimum(x, 1) * (COUNT - 1)
     i = jnp.minimum(lax.stop_gradient(place).astype(jnp.int32), COUNT - 2)
     return i, place - i.astype(place.dtype)
+
+
+@cache
+def _cells() -> tuple[Floats, Floats]:
+    """Return the coefficients of bilinear cells (cells, 4), and those of linear cells of means (cells, 2)."""
+    table, means = (1 - array for array in _tables())
+    low, high = table[:-1], table[1:]
+    a, b = low[:, :-1], low[:, 1:] - low[:, :-1]
+    c, d = high[:, :-1] - a, high[:, 1:] - high[:, :-1] - b
+    return np.stack([a, b, c, d], -1).reshape(-1, 4), np.stack([means[:-1], np.diff(means)], -1)
 
 
 @cache

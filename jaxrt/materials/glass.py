@@ -5,15 +5,16 @@ from jax import Array, lax
 
 from jaxrt.core.maths import dot, grad_only, reflect, safe_sqrt
 from jaxrt.core.records import SurfacePoint
-from jaxrt.description.fields import Ior
+from jaxrt.description.fields import Absorption, Ior
 from jaxrt.description.kinds import material
 
 
 @material
 class Glass:
-    """A smooth dielectric; `ior` is inside over outside."""
+    """A smooth dielectric; `ior` is inside over outside, `absorption` what is lost inside per unit of length."""
 
     ior: Ior
+    absorption: Absorption | None = None
 
     is_delta = True
     transmits = True

@@ -8,60 +8,50 @@ import math
 from typing import Annotated
 
 import jax.numpy as jnp
-from jax import Array, lax
+from jax import Array
 
-from jaxrt.core.maths import dot, normalize, reflect, safe_divide
-from jaxrt.core.records import SurfacePoint
-from jaxrt.core.sampling import sample_cosine_hemisphere
 from jaxrt.description.fields import Albedo, Fraction, Ior
 from jaxrt.description.kinds import material
 from jaxrt.description.values import require
-from jaxrt.materials.conductor import ROUGH, SMOOTHEST, facets, visible_normal
+from jaxrt.materials.conductor import off_facets
+from jaxrt.materials.facets import SMOOTHEST, Faceted, Local, pick, rough, turned
 from jaxrt.materials.glass import fresnel
 
 THINNEST = 1.05  # ior: of less, the coat's mean reflectance loses its digits
 
 
 @material
-class Plastic:
+class Plastic(Faceted):
     """A colour under a coat; `ior` is the coat's over what is outside."""
 
     albedo: Albedo
-    roughness: Annotated[Fraction, require(lambda x: x >= SMOOTHEST, ROUGH)] = 0.3
+    roughness: Annotated[Fraction, rough("mirror")] = 0.3
     ior: Annotated[Ior, require(lambda x: x >= THINNEST, f"is below {THINNEST}: use the type diffuse")] = 1.5
 
-    def sample(self, surface: SurfacePoint, wo: Array, u: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Return (direction, weight): off a facet of the coat, or from beneath it."""
+    def turn(self, o: Local, u: tuple[Array, Array]) -> tuple[Local, Array]:
+        """Return a direction off a facet of the coat, or from beneath it."""
         roughness, ior = self.kept()
-        normal = surface.facing(wo)
-        coat = self.coat(dot(normal, wo), ior)
-        held = lax.stop_gradient(coat)
-        first = u[0] < held
-        stretched = jnp.where(first, safe_divide(u[0], held), (u[0] - held) / (1 - held)), u[1]
-        facet = visible_normal(roughness * roughness, normal, wo, stretched)
-        wi = jnp.where(first, reflect(wo, facet), sample_cosine_hemisphere(normal, stretched))
-        value, pdf = self.evaluate(surface, wo, wi)
-        # The choice is held; its probability is differentiated
-        share = jnp.where(first, safe_divide(coat, held), (1 - coat) / (1 - held))
-        return wi, safe_divide(value * share, pdf * jnp.ones_like(value))
+        first, left, share = pick(self.chance(fresnel(o[2], ior)[0]), u[0])
+        return turned(roughness * roughness, o, first, (left, u[1])), share
 
-    def evaluate(self, surface: SurfacePoint, wo: Array, wi: Array) -> tuple[Array, Array]:
-        """Return (f cosθ, pdf) of a direction."""
+    def facts(self, o: Local, i: Local) -> tuple[tuple[Array, ...], Array]:
+        """Return f cosθ of the coat, that of a white beneath that throws nothing back, and what does; and the pdf."""
         roughness, ior = self.kept()
-        normal = surface.facing(wo)
-        cos_o, cos_i = dot(normal, wo), jnp.maximum(dot(normal, wi), 0)
-        half = normalize(wo + wi)
-        single, density = facets(roughness * roughness, normal, half, cos_o, cos_i)
-        reflected = fresnel(jnp.maximum(dot(half, wo), 0), ior)[0] * single
-        passed = (1 - fresnel(cos_o, ior)[0]) * (1 - fresnel(cos_i, ior)[0])
+        even = jnp.maximum(i[2], 0) / math.pi
+        single, density, cos = off_facets(roughness, o, i)
+        coat, out, back = (fresnel(each, ior)[0] for each in (cos, o[2], jnp.maximum(i[2], 0)))
         inner = 1 - (1 - mean_fresnel(ior)) / (ior * ior)  # what the coat throws back into the colour
-        beneath = self.albedo / (1 - self.albedo * inner) * (passed / (ior * ior) * cos_i / math.pi)
-        coat = self.coat(cos_o, ior)
-        return reflected + beneath, coat * density + (1 - coat) * cos_i / math.pi
+        chance = self.chance(out)
+        beneath = (1 - out) * (1 - back) / (ior * ior) * even
+        return (coat * single, beneath, inner), chance * density + (1 - chance) * even
 
-    def coat(self, cos: Array, ior: Array) -> Array:
+    def colour(self, *facts: Array) -> Array:
+        """Return f cosθ (3,)."""
+        coat, beneath, inner = facts
+        return coat + self.albedo / (1 - self.albedo * inner) * beneath
+
+    def chance(self, reflected: Array) -> Array:
         """Return the probability with which the coat's reflection is taken: about its share of what is reflected."""
-        reflected = fresnel(cos, ior)[0]
         return reflected / (reflected + (1 - reflected) * jnp.mean(self.albedo) + 1e-3)
 
     def kept(self) -> tuple[Array, Array]:

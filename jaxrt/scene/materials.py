@@ -38,7 +38,7 @@ def list_materials(scene: SceneDescription, dtype: DTypeLike, origin: np.ndarray
     stacks = {kind: MATERIALS.kinds[kind].stack(own, dtype, origin) for kind, own in tables.items()}
     materials = Materials.of(textures_of(scene, tables, dtype), **stacks)
     numbered = [name for kind in materials.kinds for name in made[kind.kind.name]]
-    fields = {name: MATERIALS.kind_of(material).parameters for name, material in scene.materials.items()}
+    fields = {name: scene.fields_of(name) for name in scene.materials}
     idle, order = {}, {}
     for field in {field: None for own in fields.values() for field in own}:
         owners = [name for name, own in fields.items() if field in own]
@@ -76,7 +76,8 @@ def with_material_parameters(scene: Scene, new: Mapping[str, Array]) -> tuple[Ma
 
 def _owners(scene: Scene, field: str) -> list[str]:
     """Return the kinds that have a parameter, in the order of their rows."""
-    return [kind.kind.name for kind in scene.materials.kinds if field in kind.kind.parameters]
+    kinds = scene.materials.kinds
+    return [k.kind.name for k in kinds if field in k.kind.parameters and getattr(k, field) is not None]
 
 
 def _parts(scene: Scene, field: str) -> list[Array]:

@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from jaxrt.description import SceneDescription, SceneError, nearest, show
-from jaxrt.description.kinds import LIGHTS, MATERIALS
+from jaxrt.description.kinds import LIGHTS
 from jaxrt.scene.measures import has_rows
 
 SELECTOR = re.compile(r"(?P<name>[^\[\]]+)(\[(?P<row>.+)\])?")
@@ -70,8 +70,8 @@ def names_of(scene: SceneDescription, materials: Mapping[str, int]) -> Names:
     """
     fields: dict[str, list[str | None]] = {"spheres": [sphere.name for sphere in scene.spheres]}
     fields["groups"] = list(scene.groups)
-    for name, material in scene.materials.items():
-        for field in MATERIALS.kind_of(material).parameters:
+    for name in scene.materials:
+        for field in scene.fields_of(name):
             fields.setdefault(f"materials.{field}", []).append(name)
     for light in scene.lights:
         for field in LIGHTS.kind_of(light).parameters:

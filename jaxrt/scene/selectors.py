@@ -5,7 +5,7 @@ from typing import NamedTuple
 from jax import Array
 
 from jaxrt.description import SceneDescription, SceneError
-from jaxrt.description.kinds import LIGHTS, MATERIALS
+from jaxrt.description.kinds import LIGHTS
 from jaxrt.scene.measures import has_rows
 from jaxrt.scene.names import rows_called
 from jaxrt.scene.parameters import asked, parameters
@@ -56,8 +56,7 @@ def place_in_file(description: SceneDescription, selector: Selector) -> str | in
     owner, _, field = selector.name.partition(".")
     assert selector.row is not None
     if owner == "materials":
-        named = description.materials.items()
-        return [name for name, table in named if field in MATERIALS.kind_of(table).parameters][selector.row]
+        return [name for name in description.materials if field in description.fields_of(name)][selector.row]
     if owner == "lights":
         lights = enumerate(description.lights)
         return [i for i, table in lights if field in LIGHTS.kind_of(table).parameters][selector.row]

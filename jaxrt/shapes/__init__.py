@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.core.maths import FAR, dot, sign_or_one
-from jaxrt.core.pytree import pytree
+from jaxrt.core.pytree import pytree, static
 from jaxrt.core.records import Chart, Hit, Ray, Smooth, SurfacePoint
 from jaxrt.shapes.adjacency import mesh_edges
 from jaxrt.shapes.search.bvh import Survey, Topology, survey, topology_of
@@ -75,6 +75,7 @@ class Geometry:
 
     spheres: SphereTable | None
     triangles: TriangleTable | None
+    is_measured: bool = static(default=False)  # whether points tell how far light travels to them
 
     @property
     def has_tree(self) -> bool:
@@ -82,11 +83,12 @@ class Geometry:
         return any(shapes is not None and shapes.tree is not None for shapes in (self.spheres, self.triangles))
 
 
-def geometry_of(spheres: Spheres | None, triangles: Triangles | None) -> Geometry:
-    """Return the tables that the three functions read."""
+def geometry_of(spheres: Spheres | None, triangles: Triangles | None, is_measured: bool = False) -> Geometry:
+    """Return the tables that the three functions read. is_measured: points tell how far light travels to them."""
     return Geometry(
         None if spheres is None else sphere_table(spheres),
         None if triangles is None else triangle_table(triangles),
+        is_measured,
     )
 
 
@@ -138,6 +140,13 @@ def occluded(geometry: Geometry, ray: Ray, distance: Array, skip: Array | None =
 
 def surface_point(geometry: Geometry, ray: Ray, hit: Hit) -> SurfacePoint:
     """Return the point where the ray meets primitive `hit.index`; finite, but meaningless, where nothing is hit."""
+    point = _surface_point(geometry, ray, hit)
+    if not geometry.is_measured:
+        return point
+    return replace(point, travelled=dot(place_of(point) - ray.origin, ray.direction))
+
+
+def _surface_point(geometry: Geometry, ray: Ray, hit: Hit) -> SurfacePoint:
     if geometry.triangles is None:
         assert geometry.spheres is not None
         return sphere_surface_point(geometry.spheres, ray, hit.index)

@@ -15,7 +15,7 @@ from jax import Array, lax
 from jax.ad_checkpoint import checkpoint_name
 
 from jaxrt.cameras import View, view_of
-from jaxrt.core.maths import dot, face_forward, safe_divide
+from jaxrt.core.maths import FAR, dot, face_forward, safe_divide
 from jaxrt.core.pytree import dtype_of, pytree, static
 from jaxrt.core.records import Hit, LightSample, Ray, SurfacePoint
 from jaxrt.kernels.native import in_stages, once
@@ -29,7 +29,7 @@ from jaxrt.lights import (
     sky_radiance,
 )
 from jaxrt.lights.density import light_density
-from jaxrt.materials import Materials, Scattering, evaluate, scatter, with_marks
+from jaxrt.materials import Materials, Scattering, absorption_of, evaluate, scatter, with_marks
 from jaxrt.scene import Scene
 from jaxrt.shapes import (
     Geometry,
@@ -75,13 +75,41 @@ class Walk:
     specular: Array  # () bool: the ray comes from the camera, a mirror or glass, so that it may see sphere lights
     pdf: Array | None = None  # () of its direction where light samples have a share, else 0; None without glossy
     alive: Array | None = None  # () bool, whether it has not ended; None where that spares no search
+    absorption: Array | None = None  # (3,) per unit of length, of what its ray goes through; None where nothing absorbs
+
+
+@pytree
+class Medium:
+    """What light goes through on both sides of a surface that a path comes to."""
+
+    absorption: Array  # (3,) per unit of length, of what the ray went through so far as is known
+    point: SurfacePoint
+    wo: Array  # (3,)
+    inside: Array  # (3,) the surface's own
+    clear: Array  # () bool, light passes through the surface
+
+    def passed(self) -> Array:
+        """Return the share of light (3,) left where the ray arrives, but for what `scatter` leaves of it."""
+        assert self.point.travelled is not None
+        return jnp.exp(-self.absorption * jnp.where(self._is_from_inside, 0, self.point.travelled))
+
+    def beyond(self, direction: Array) -> Array:
+        """Return the absorption (3,) of what a ray goes through that leaves the surface: none outside of glass."""
+        side = dot(self.point.shading, direction)
+        crosses = self.clear & (side * dot(self.point.shading, self.wo) < 0)
+        here = jnp.where(self._is_from_inside, self.inside, self.absorption)
+        return jnp.where(crosses, jnp.where(side < 0, self.inside, 0), here)
+
+    @property
+    def _is_from_inside(self) -> Array:
+        return self.clear & (dot(self.point.shading, self.wo) < 0)
 
 
 def tables_of(scene: Scene, lights_move: bool = False) -> Tables:
     """Return the tables of a scene. lights_move: with derivatives of where rays meet sphere lights."""
     lights = scene.lights
     alone = lights is not None and lights.count == 1
-    geometry = geometry_of(_with_light_spheres(scene, lights_move), scene.triangles)
+    geometry = geometry_of(_with_light_spheres(scene, lights_move), scene.triangles, scene.materials.absorb)
     first_light = 0 if scene.spheres is None else scene.spheres.radius.shape[0]
     return Tables(
         camera=view_of(scene.camera),
@@ -158,7 +186,8 @@ def walk_along(tables: Tables, ray: Ray, specular: bool) -> Walk:
     ones = jnp.ones_like(ray.origin)
     pdf = jnp.zeros_like(ones[0]) if tables.materials.are_glossy else None
     alive = jnp.ones((), bool) if tables.geometry.has_tree else None
-    return Walk(ray, ones, jnp.zeros_like(ones), jnp.full((), specular), pdf, alive)
+    absorption = jnp.zeros_like(ones) if tables.materials.absorb else None
+    return Walk(ray, ones, jnp.zeros_like(ones), jnp.full((), specular), pdf, alive, absorption)
 
 
 def _event(tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array], attached: bool) -> Walk:
@@ -171,15 +200,19 @@ def event_at(
     tables: Tables, walk: Walk, hit: Hit, point: SurfacePoint, u: tuple[Array, ...], attached: bool = False
 ) -> Walk:
     """Return the path after its event at the point where its ray meets what it hits. u: four numbers in [0, 1)."""
-    walk = _see(tables, walk, hit)
     wo = -walk.ray.direction
+    medium = None
+    if walk.absorption is not None:
+        medium = Medium(walk.absorption, point, wo, *absorption_of(tables.materials, point))
+        walk = replace(walk, throughput=walk.throughput * jnp.where(hit.valid, medium.passed(), 1))
+    walk = _see(tables, walk, hit)
     choice = checkpoint_name((u[2], u[3]), _KEPT)
     scattering = in_stages(scatter)(tables.materials, point, wo, choice)
     gathered = walk.radiance
     # Sample direct light
     if tables.lights is not None and tables.materials.are_lit:
         lit = hit.valid & scattering.lit
-        direct = _direct(tables, point, wo, scattering, walk.throughput, u[:2], attached, lit)
+        direct = _direct(tables, point, wo, scattering, walk.throughput, u[:2], attached, lit, medium)
         gathered = gathered + jnp.where(lit, direct, 0)
     # Go on
     throughput = jnp.where(hit.valid, walk.throughput * scattering.weight, 0)
@@ -187,7 +220,9 @@ def event_at(
     pdf = jnp.zeros_like(walk.throughput[0]) if scattering.pdf is not None and attached else scattering.pdf
     # A sphere light, whose material comes last, ends it as well as nothing does
     alive = None if walk.alive is None else hit.valid & (point.material < tables.materials.ends[2])
-    return Walk(once(leave)(point, scattering.direction), throughput, gathered, scattering.specular, pdf, alive)
+    absorption = None if medium is None else medium.beyond(scattering.direction)
+    ray = once(leave)(point, scattering.direction)
+    return Walk(ray, throughput, gathered, scattering.specular, pdf, alive, absorption)
 
 
 def _direct(
@@ -199,6 +234,7 @@ def _direct(
     u: tuple[Array, ...],
     attached: bool,
     wanted: Array,
+    medium: Medium | None,
 ) -> Array:
     """Return the light (3,) that one light sample brings to a point, and from there along the path.
 
@@ -224,6 +260,8 @@ def _direct(
     if scattering.glossy is not None:
         shiny = throughput * jnp.where(blocked, 0, sample.irradiance * glossy)
         direct = shiny if direct is None else jnp.where(scattering.glossy, shiny, direct)
+    if medium is not None:
+        direct = direct * jnp.exp(-medium.beyond(sample.direction) * jnp.minimum(sample.distance, FAR))
     return direct
 
 
