@@ -16,7 +16,7 @@ from jaxrt.kernels.internals import Zero, operation
 
 Variables = dict[Var, None]
 
-MOST = 350  # equations: XLA divides an operation of 500 on 128 lanes among threads, which no native kernel can
+MOST = 600  # numbers of a lane: XLA divides an operation of 900 on 128 lanes among threads, which no native kernel can
 
 
 def stage(f: Callable[..., Any]) -> Callable[..., Any]:
@@ -26,7 +26,7 @@ def stage(f: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def stages(f: Callable[..., Any]) -> Callable[..., Any]:
-    """Return f as a stage, or as several where it has more than `MOST` equations."""
+    """Return f as a stage, or as several where it computes more than `MOST` numbers."""
 
     def staged(*operands: Any) -> Any:
         program, shape = jax.make_jaxpr(f, return_shape=True)(*operands)
@@ -49,7 +49,7 @@ def _tag(results: Any) -> Any:
 
 
 def _one_after_the_other(program: ClosedJaxpr, operands: Sequence[Any]) -> list[Any]:
-    """Return the program's results, computed by calls of at most about `MOST` equations."""
+    """Return the program's results, computed by calls of at most about `MOST` numbers."""
     jaxpr = program.jaxpr
     known = dict(zip((*jaxpr.constvars, *jaxpr.invars), (*program.consts, *operands), strict=True))
 
@@ -104,9 +104,10 @@ def _variables(atoms: Any) -> Variables:
 
 
 def _size(equation: Any) -> int:
-    """Return the number of equations that one amounts to, with those of what it calls."""
+    """Return how many numbers an equation computes, with those of what it calls; at least 1."""
     inner = [getattr(p, "jaxpr", p) for p in equation.params.values()]
-    return 1 + sum(_size(e) for jaxpr in inner if isinstance(jaxpr, Jaxpr) for e in jaxpr.eqns)
+    called = sum(_size(e) for jaxpr in inner if isinstance(jaxpr, Jaxpr) for e in jaxpr.eqns)
+    return called or max([1, *(v.aval.size for v in equation.outvars)])
 
 
 def _entering(x: Any) -> Any:
