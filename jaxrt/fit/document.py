@@ -105,7 +105,7 @@ def _picture_in(value: Any) -> str | None:
 
 def _with_texture(value: Any, texture: str) -> Any:
     """Return a field that names another texture."""
-    return value | {"texture": texture} if isinstance(value, Mapping) else texture
+    return {**value, "texture": texture} if isinstance(value, Mapping) else texture
 
 
 def _add_texture(document: Any, name: str, scene: SceneDescription) -> Any:

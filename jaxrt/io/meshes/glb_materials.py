@@ -92,7 +92,7 @@ class _Palette:
                 raise Broken("it does not lie by TEXCOORD_0")
             if extensions_of(said):
                 self.notes[f"{show(', '.join(extensions_of(said)))} of baseColorTexture is not read"] = None
-            number = said.get("index")
+            number: Any = said.get("index")
             texture = item(self.accessors.document, "textures", number)
             if number not in self.names:
                 self.names[number] = self._add(texture)
