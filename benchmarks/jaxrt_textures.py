@@ -1,6 +1,6 @@
 """jaxrt's half of `benchmarks.textures`: the only texture of a scene, sought with Adam.
 
-    python -m benchmarks.jaxrt_textures SCENE VISIBLE.npy --rate 0.1 [--plain]
+    python -m benchmarks.jaxrt_textures SCENE VISIBLE.npy --rate 0.05 [--plain]
 
 What Adam moves is a pyramid, whose sum's sigmoid the texels are; plain: the texels, clipped to [0, 1] after each step.
 Prints a line of JSON: CPU and wall seconds of the steps but for the first few, which compile, and the PSNR along the

@@ -2,7 +2,7 @@
 
 Runs in Mitsuba's own environment as a plain script:
 
-    python benchmarks/mitsuba_textures.py SCENE VISIBLE.npy --rate 0.03
+    python benchmarks/mitsuba_textures.py SCENE VISIBLE.npy --rate 0.02
 
 Texels are what Adam moves, clipped to [0, 1] after each step. Prints a line of JSON: CPU and wall seconds of the steps
 but for the first few, which compile, and the PSNR along the way.

@@ -4,7 +4,7 @@ import argparse
 import math
 
 TOLD = 10  # how often, along the way, it is told how far they are
-LAST = 0.02  # share of the rate that the last step has
+LAST = 0.1  # share of the rate that the last step has
 
 
 def texture_parser() -> argparse.ArgumentParser:
@@ -12,7 +12,7 @@ def texture_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser()
     parser.add_argument("scene")
     parser.add_argument("visible", help=".npy file: which texels count, (rows, columns)")
-    for name, default in (("width", 128), ("height", 176), ("spp", 1), ("target-spp", 256), ("steps", 1000)):
+    for name, default in (("width", 128), ("height", 176), ("spp", 1), ("target-spp", 1024), ("steps", 1000)):
         parser.add_argument(f"--{name}", type=int, default=default)
     parser.add_argument("--max-depth", type=int)
     parser.add_argument("--rate", type=float, required=True)

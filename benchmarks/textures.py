@@ -29,7 +29,7 @@ from benchmarks.processes import HERE, cpu_model, find_peer, flags, report_of, r
 from benchmarks.texture_task import TOLD
 
 SCENE = "scenes/vase.toml"
-RATES = {"pyramid": 0.1, "plain": 0.03}
+RATES = {"pyramid": 0.05, "plain": 0.02}
 SIZE, SPP, DEPTH = 96, 16, 3
 TEXTURES: dict[str, dict[str, Any]] = {
     "image": {"texels": np.random.default_rng(0).uniform(0.2, 0.8, (128, 128, 3))},
