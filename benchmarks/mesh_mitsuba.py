@@ -13,19 +13,6 @@ import numpy as np
 from mesh_rays import KINDS, OPEN, in_the_open, room
 
 
-def mesh_of(mi, vertices, faces, bsdf):
-    """Return the mesh, of flat faces."""
-    properties = mi.Properties()
-    properties["bsdf"] = mi.load_dict(bsdf)
-    properties["face_normals"] = True
-    mesh = mi.Mesh("mesh", vertex_count=len(vertices), face_count=len(faces), props=properties)
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
-    parameters["faces"] = faces.astype(np.uint32).ravel()
-    parameters.update()
-    return mesh
-
-
 def picture_of(mi, text):
     """Return the scene of a description with one mesh; jaxrt's depth D is Mitsuba's D + 1."""
     camera, depth = text["camera"], text["render"]["max_depth"]
@@ -40,7 +27,7 @@ def picture_of(mi, text):
         bsdf = bsdfs[sphere["material"]]
         scene[f"sphere_{i}"] = mitsuba_side.sphere_of(mi, sphere["center"], sphere["radius"], bsdf=bsdf)
     mesh = text["meshes"][0]
-    scene["mesh"] = mesh_of(mi, mesh["vertices"], mesh["faces"], bsdfs[mesh["material"]])
+    scene["mesh"] = mitsuba_side.polygons_of(mi, mesh["vertices"], mesh["faces"], bsdfs[mesh["material"]])
     return mi.load_dict(scene), camera["width"] * camera["height"] * text["render"]["spp"]
 
 
@@ -70,7 +57,7 @@ def main():
     mi.set_variant("llvm_ad_rgb")
     dr.set_thread_count(1)
     file = np.load(options.file)
-    mesh, report = mesh_of(mi, file["vertices"], file["faces"], {"type": "diffuse"}), {}
+    mesh, report = mitsuba_side.polygons_of(mi, file["vertices"], file["faces"], {"type": "diffuse"}), {}
     scene = mi.load_dict({"type": "scene", "mesh": mesh})
     for name, (rays, any_hit) in KINDS.items():
         best = [0.0, 0.0]

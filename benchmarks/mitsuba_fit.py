@@ -15,7 +15,7 @@ import time
 import tomllib
 from pathlib import Path
 
-from mitsuba_side import bsdf_of, light_of, sensor_of, sphere_of, triangle_of
+from mitsuba_side import bsdf_of, light_of, polygons_of, sensor_of, sphere_of
 
 BEGIN = time.perf_counter()
 
@@ -60,7 +60,8 @@ def description_of(mi, options):
         bsdf = bsdf_of(text["materials"][sphere["material"]])
         scene[f"sphere_{i}"] = sphere_of(mi, sphere["center"], sphere["radius"], bsdf=bsdf)
     for i, triangle in enumerate(text["triangles"]):
-        scene[f"triangle_{i}"] = triangle_of(mi, triangle["vertices"], bsdf_of(text["materials"][triangle["material"]]))
+        bsdf = bsdf_of(text["materials"][triangle["material"]])
+        scene[f"triangle_{i}"] = polygons_of(mi, triangle["vertices"], [[0, 1, 2]], bsdf)
     scene["light"] = light_of(mi, {**light, "intensity": [light["intensity"][0]] * 3, "radius": options.radius})
     del scene["light"]["center"], scene["light"]["radius"]
     scene["light"]["to_world"] = mi.ScalarTransform4f().translate(light["position"]).scale(options.radius)

@@ -32,7 +32,15 @@ def rgb(value):
     return {"type": "rgb", "value": [float(channel) for channel in channels]}
 
 
-def bsdf_of(material):
+def color_of(value, folder):
+    """Return the dict of a colour, or of the picture that a string names."""
+    if isinstance(value, str):
+        # By default 8 bits are kept in 16, which have no derivatives
+        return {"type": "bitmap", "filename": str(folder / value), "format": "variant"}
+    return rgb(value)
+
+
+def bsdf_of(material, folder=Path()):
     """Return the BSDF dict of one `[materials.NAME]` table: two-sided, glass by nature."""
     if material["type"] == "glass":
         return {"type": "dielectric", "int_ior": float(material["ior"]), "ext_ior": 1.0}
@@ -43,10 +51,10 @@ def bsdf_of(material):
         index = {name: rgb(material[name]) for name in ("eta", "k")}
         inner = {"type": "roughconductor", **index, **facets}
     elif material["type"] == "mirror":
-        albedo = rgb(material.get("albedo", 1.0))
+        albedo = color_of(material.get("albedo", 1.0), folder)
         inner = {"type": "conductor", "material": "none", "specular_reflectance": albedo}
     else:
-        inner = {"type": "diffuse", "reflectance": rgb(material["albedo"])}
+        inner = {"type": "diffuse", "reflectance": color_of(material["albedo"], folder)}
     return {"type": "twosided", "bsdf": inner}
 
 
@@ -55,27 +63,30 @@ def sphere_of(mi, center, radius, **parts):
     return {"type": "sphere", "center": mi.ScalarPoint3f(*center), "radius": float(radius), **parts}
 
 
-def triangle_of(mi, vertices, bsdf):
-    """Return a one-triangle mesh: Mitsuba has no single triangle."""
+def polygons_of(mi, vertices, faces, bsdf):
+    """Return the mesh of flat faces that arrays tell; a single triangle too, of which Mitsuba has none."""
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(bsdf)
-    mesh = mi.Mesh("triangle", vertex_count=3, face_count=1, props=properties)
+    properties["face_normals"] = True
+    mesh = mi.Mesh("polygons", vertex_count=len(vertices), face_count=len(faces), props=properties)
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = np.asarray(vertices, dtype=np.float32).ravel()
-    parameters["faces"] = np.arange(3, dtype=np.uint32)
+    parameters["faces"] = np.asarray(faces, dtype=np.uint32).ravel()
     parameters.update()
     return mesh
 
 
 def mesh_of(mi, mesh, folder, bsdf):
-    """Return the mesh, of flat faces, of a `[[meshes]]` table that names a Wavefront file: scaled, turned, moved."""
+    """Return the mesh of a `[[meshes]]` table: arrays as they are, or a Wavefront file, scaled, turned, moved."""
+    if "vertices" in mesh:
+        return polygons_of(mi, mesh["vertices"], mesh["faces"], bsdf)
     turn = mi.ScalarTransform4f()
     for axis, angle in zip(np.eye(3).tolist(), mesh.get("rotate", [0, 0, 0]), strict=True):
         turn = mi.ScalarTransform4f().rotate(axis, angle) @ turn
     scale = mi.ScalarTransform4f().scale(mesh.get("scale", 1))
     place = mi.ScalarTransform4f().translate(mesh.get("translate", [0, 0, 0])) @ turn @ scale
     file = str(folder / mesh["file"])
-    return {"type": "obj", "filename": file, "face_normals": True, "to_world": place, "bsdf": bsdf}
+    return {"type": "obj", "filename": file, "face_normals": not mesh.get("smooth"), "to_world": place, "bsdf": bsdf}
 
 
 def light_of(mi, light):
@@ -115,23 +126,24 @@ def sensor_of(mi, camera, width, height, sampler="independent"):
 def scene_of(mi, path, options):
     """Return the Mitsuba scene of the jaxrt scene file at `path`; jaxrt's depth D is Mitsuba's D + 1."""
     text = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    camera, defaults = text["camera"], text.get("render", {})
-    size = options.width or camera.get("width", 512), options.height or camera.get("height", 512)
+    cameras, defaults, folder = text.get("cameras") or [text["camera"]], text.get("render", {}), Path(path).parent
     depth = options.max_depth or defaults.get("max_depth", 5)
     scene = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": depth + 1, "rr_depth": NO_ROULETTE},
-        "sensor": sensor_of(mi, camera, *size, getattr(options, "sampler", "independent")),
     }
-    bsdfs = {name: bsdf_of(material) for name, material in text.get("materials", {}).items()}
+    for i, camera in enumerate(cameras):
+        size = options.width or camera.get("width", 512), options.height or camera.get("height", 512)
+        scene[f"sensor_{i}"] = sensor_of(mi, camera, *size, getattr(options, "sampler", "independent"))
+    bsdfs = {name: bsdf_of(material, folder) for name, material in text.get("materials", {}).items()}
     scene |= {f"material_{name}": bsdf for name, bsdf in bsdfs.items()}
     for i, sphere in enumerate(text.get("spheres", [])):
         reference = {"type": "ref", "id": f"material_{sphere['material']}"}
         scene[f"sphere_{i}"] = sphere_of(mi, sphere["center"], sphere["radius"], bsdf=reference)
     for i, triangle in enumerate(text.get("triangles", [])):
-        scene[f"triangle_{i}"] = triangle_of(mi, triangle["vertices"], bsdfs[triangle["material"]])
+        scene[f"triangle_{i}"] = polygons_of(mi, triangle["vertices"], [[0, 1, 2]], bsdfs[triangle["material"]])
     for i, mesh in enumerate(text.get("meshes", [])):
-        scene[f"mesh_{i}"] = mesh_of(mi, mesh, Path(path).parent, bsdfs[mesh["material"]])
+        scene[f"mesh_{i}"] = mesh_of(mi, mesh, folder, bsdfs[mesh["material"]])
     for i, light in enumerate(text.get("lights", [])):
         scene[f"light_{i}"] = light_of(mi, light)
     if "environment" in text:

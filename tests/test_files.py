@@ -1,5 +1,6 @@
 """Mesh files of every dialect: what `tests/files/expected.toml`, written first, says becomes of each."""
 
+import io
 import itertools
 import json
 import os
@@ -13,9 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
 import jaxrt
 from jaxrt.io import read_description
+from jaxrt.io.color import srgb_decode
 from jaxrt.io.files import MESH_BYTES
 from jaxrt.io.meshes.polygons import Polygons, triangulate
 from jaxrt.scene.checks import warnings_of
@@ -444,3 +447,100 @@ def test_f8_no_facet_of_a_text_file_is_lost_without_a_word(tmp_path):
             except jaxrt.SceneError:
                 continue
             assert told or len(mesh["faces"]) == 4
+
+
+# Base colours of GLB files
+
+
+def painted_glb(path, materials, colors=False, **document):
+    """Write a tetrahedron of two primitives, with places on a picture of 3x2 texels, and return that, linear."""
+    levels = np.random.default_rng(0).integers(0, 256, (2, 3, 3), dtype=np.uint8)
+    with io.BytesIO() as file:
+        Image.fromarray(levels).save(file, "png")
+        picture = file.getvalue()
+    plain, binary = glb_parts(FOLDER / "plain.glb")
+    uv = np.array([[0, 0], [1, 0], [0, 1], [1, 1]], "<f4").tobytes()
+    rows = np.array([[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [51, 51, 51, 255]], np.uint8).tobytes()
+    parts, views = [binary, uv, rows, picture], list(plain["bufferViews"])
+    for i in (1, 2, 3):
+        views.append({"buffer": 0, "byteOffset": sum(map(len, parts[:i])), "byteLength": len(parts[i])})
+    n = len(plain["bufferViews"])
+    accessors = [
+        *plain["accessors"],
+        {"bufferView": n, "componentType": 5126, "count": 4, "type": "VEC2"},
+        {"bufferView": n + 1, "componentType": 5121, "normalized": True, "count": 4, "type": "VEC4"},
+    ]
+    attributes = {"POSITION": 0, "TEXCOORD_0": 2} | ({"COLOR_0": 3} if colors else {})
+    primitives = [{"attributes": attributes, "indices": 1, "material": i} for i in range(len(materials))]
+    made = plain | {
+        "buffers": [{"byteLength": sum(map(len, parts))}],
+        "bufferViews": views,
+        "accessors": accessors,
+        "meshes": [{"primitives": primitives}],
+        "materials": materials,
+        "textures": [{"source": 0, "sampler": 0}],
+        "images": [{"bufferView": n + 2, "mimeType": "image/png", "name": "wood grain"}],
+        "samplers": [{"wrapS": 33071, "wrapT": 33071}],
+    }
+    path.write_bytes(glb_of(made | document, b"".join(parts)))
+    return srgb_decode(levels / 255)
+
+
+MATT = {"metallicFactor": 0}
+WOOD = {"name": "wood", "pbrMetallicRoughness": MATT | {"baseColorTexture": {"index": 0}}}
+
+
+def test_base_colours_of_a_glb_file_become_diffuse_materials(tmp_path):
+    plain = {"name": "wood", "pbrMetallicRoughness": MATT | {"baseColorFactor": [0.5, 0.25, 1, 1]}}
+    linear = painted_glb(tmp_path / "a.glb", [WOOD, plain, {}])
+    mesh, (told,) = load(tmp_path / "a.glb")
+    assert told.endswith("not read but for base colours: metal and roughness are left out")
+    assert mesh["materials"] == {
+        "a.glb:wood": {"type": "diffuse", "albedo": {"texture": "a_wood_grain", "factor": [1, 1, 1]}},
+        "a.glb:wood1": {"type": "diffuse", "albedo": [0.5, 0.25, 1]},
+        "a.glb:material2": {"type": "diffuse", "albedo": [1, 1, 1]},
+    }
+    np.testing.assert_array_equal(mesh["face_materials"], np.repeat([0, 1, 2], 4))
+    np.testing.assert_allclose(mesh["textures"]["a_wood_grain"]["texels"], linear, atol=1e-6)
+    assert mesh["textures"]["a_wood_grain"]["wrap"] == "clamp"
+    camera = {"position": [0, 0, 9], "width": 8, "height": 8}
+    first = mesh | {key: mesh[key][:4] for key in ("faces", "face_materials")}
+    built = jaxrt.build({"camera": camera, "meshes": [first], "environment": {"radiance": [1, 1, 1]}})
+    np.testing.assert_allclose(jaxrt.parameters(built)["textures.a_wood_grain"], linear, atol=1e-6)
+    bare, none = load(tmp_path / "a.glb", materials=False)
+    assert not none and not {"materials", "textures", "face_materials"} & bare.keys()
+
+
+def test_base_colours_are_multiplied_by_colours_at_vertices(tmp_path):
+    material = {"pbrMetallicRoughness": MATT | {"baseColorFactor": [0.5, 0.25, 1, 1]}}
+    painted_glb(tmp_path / "a.glb", [material], colors=True)
+    mesh, told = load(tmp_path / "a.glb")
+    assert not told and mesh["textures"] == {"a_colors": {"type": "vertex_colors"}}
+    assert mesh["materials"]["a.glb:material0"]["albedo"] == {"texture": "a_colors", "factor": [0.5, 0.25, 1]}
+    np.testing.assert_allclose(mesh["colors"][3], 0.2)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"textures": []}, r"left out \(textures\[0\] does not exist"),
+        ({"textures": [{"extensions": {"EXT_texture_webp": {"source": 0}}}]}, "neither PNG nor JPG"),
+        ({"images": [{"uri": "../../lost.png"}]}, r"left out \(.*lies outside of the file's folder"),
+        ({"images": [{"uri": "data:image/png;base64,iVBORw0KGgo="}]}, r"left out \(.*cannot be read as .png"),
+        ({"images": [{"bufferView": 0}]}, "is neither PNG nor JPG"),
+        ({"samplers": [{"wrapS": 33648}]}, "mirrored, or repeated one way, are repeated"),
+    ],
+)
+def test_pictures_of_a_glb_file_that_are_not_read_are_told(tmp_path, change, says):
+    painted_glb(tmp_path / "a.glb", [WOOD], **change)
+    mesh, (told,) = load(tmp_path / "a.glb")
+    assert re.search(says, told) and len(mesh["faces"]) == 4 and len(told) < 400
+
+
+@pytest.mark.parametrize("number", [7, -1, "wood", [0], True])
+def test_a_material_that_a_glb_file_lacks_is_told(tmp_path, number):
+    document, binary = glb_parts(FOLDER / "plain.glb")
+    document["meshes"][0]["primitives"][0]["material"] = number
+    (tmp_path / "a.glb").write_bytes(glb_of(document, binary))
+    with pytest.raises(jaxrt.SceneError, match=r"materials\[.*\] does not exist: save it again"):
+        load(tmp_path / "a.glb")

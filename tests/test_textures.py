@@ -14,6 +14,7 @@ from jaxrt.io.color import srgb_decode
 from jaxrt.io.scene_file import read_description
 from jaxrt.scene.selectors import parse_selector
 from jaxrt.textures import Layout, Textures, color_at
+from jaxrt.textures.pyramid import joined, parted
 
 RNG = np.random.default_rng(3)
 WOOD = RNG.uniform(size=(5, 7, 3))
@@ -444,6 +445,45 @@ def test_a_fitted_scene_has_its_texels_beside_it(folder):
     np.testing.assert_array_equal(again["textures.wood"], texels)
     np.testing.assert_allclose(again["textures.other"], linear, atol=1e-6)
     np.testing.assert_array_equal(again["materials.albedo"], [factor, [1, 1, 1]])
+
+
+def test_pictures_that_a_field_names_are_found_from_another_folder(folder):
+    """Beside a factor too; and a texture that came with a mesh keeps how it repeats."""
+    path, linear = folder
+    (path / "square.obj").write_text("mtllib a.mtl\n" + OBJ.format("usemtl wood\n"))
+    (path / "a.mtl").write_text("newmtl wood\nmap_Kd -s 2 3 -clamp on wood.png\n")
+    source, out = (
+        write(path, '{ texture = "wood.png", factor = [0.5, 0.5, 0.5] }', SPHERE.replace('"b"', '"paint"')),
+        path / "out",
+    )
+    source.write_text(source.read_text().replace('file = "square.obj"\nmaterial = "paint"', 'file = "square.obj"'))
+    out.mkdir()
+    scene, description = jaxrt.load_scene(source), read_description(source)
+    brought = "textures.square_wood"
+    for values in (
+        {"materials.albedo[paint]": np.asarray([0.5, 0.25, 1], np.float32)},
+        {brought: np.full((4, 6, 3), 0.25, np.float32)},
+        {"materials.albedo[square.obj:wood]": np.asarray([0.5, 0.25, 1], np.float32)},
+    ):
+        selectors = {text: parse_selector(text, scene) for text in values}
+        write_scene(source, out / "fitted.toml", values, selectors, description)
+        again = read_description(out / "fitted.toml", allow_folders=[path])
+        assert again.textures["square_wood"].scale == (2, 3) and again.textures["square_wood"].wrap == "clamp"
+        np.testing.assert_allclose(again.textures["wood"].texels, linear, atol=1e-6)
+        built = jaxrt.parameters(jaxrt.build(again))
+        np.testing.assert_allclose(built["materials.albedo"][0], values.get("materials.albedo[paint]", [0.5] * 3))
+        assert brought not in values or np.allclose(built[brought], 0.25)
+
+
+@pytest.mark.parametrize("shape", [(128, 128, 3), (5, 7, 3), (1, 9, 3), (2, 2, 1)])
+def test_levels_add_up_to_their_picture(shape):
+    picture = RNG.uniform(size=shape).astype(np.float32)
+    levels = parted(jnp.asarray(picture), coarsest=2)
+    assert levels[0].shape == shape and min(levels[-1].shape[:2]) <= 2
+    np.testing.assert_allclose(joined(levels), picture, atol=1e-6)
+    # The coarsest level is what all texels have in common
+    flat = parted(jnp.full(shape, 0.25))
+    assert all(np.allclose(level, 0, atol=1e-6) for level in flat[:-1]) and np.allclose(flat[-1], 0.25, atol=1e-6)
 
 
 def test_info_tells_of_textures(folder, capsys):

@@ -119,7 +119,7 @@ def sought(scene: Scene, parameters: Sequence[str]) -> Unknowns:
     if n > MANY:
         raise FitError(
             f"fit: {n} numbers are sought, each a derivative picture in every step: name parameters of at most {MANY}, "
-            "or descend on jax.grad of a loss, whose cost does not grow with them"
+            "or descend on jax.grad of a loss, whose cost does not grow with them (examples/fit_texture.py)"
         )
     return unknowns
 

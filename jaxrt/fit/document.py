@@ -81,20 +81,40 @@ def _put(document: Any, selector: Selector, text: str, value: Floats, scene: Sce
 
 
 def _painted(document: Any, texture: str, factor: Any, scene: SceneDescription) -> Any:
-    """Return a field that a texture is multiplied by, which the document then has under its name."""
-    if texture not in document.get("textures", {}):
+    """Return a field that a texture is multiplied by, which has that name in the document or comes with a mesh."""
+    if _by_file(document, texture, scene):
         _add_texture(document, texture, scene)
     return {"texture": texture, "factor": factor}
 
 
+def _by_file(document: Any, texture: str, scene: SceneDescription) -> list[tuple[Any, str]]:
+    """Return the tables and fields that name a texture by its file."""
+    return [
+        (fields, field)
+        for material, fields in document.get("materials", {}).items()
+        for field, own in painted_fields(scene.materials[material])
+        if own == texture and _picture_in(fields.get(field))
+    ]
+
+
+def _picture_in(value: Any) -> str | None:
+    """Return the file that a field names as its texture, None where it names none."""
+    file = value.get("texture") if isinstance(value, Mapping) else value
+    return file if isinstance(file, str) and Path(file).suffix.lower() in PICTURES else None
+
+
+def _with_texture(value: Any, texture: str) -> Any:
+    """Return a field that names another texture."""
+    return {**value, "texture": texture} if isinstance(value, Mapping) else texture
+
+
 def _add_texture(document: Any, name: str, scene: SceneDescription) -> Any:
     """Return the table of a texture that so far was the name of a file, or came along with a mesh."""
-    table = {"file": scene.textures[name].file}
+    named, texture = _by_file(document, name, scene), scene.textures[name]
+    table = texture.model_dump(mode="json", include={"file", "wrap", "scale"}, exclude_defaults=True)
     document.setdefault("textures", {})[name] = table
-    for material, fields in document.get("materials", {}).items():
-        for field, texture in painted_fields(scene.materials[material]):
-            if texture == name and isinstance(fields.get(field), str):
-                fields[field] = name
+    for fields, field in named:
+        fields[field] = _with_texture(fields[field], name)
     return document["textures"][name]
 
 
@@ -126,8 +146,8 @@ def _move_pictures(document: Any, source: Path, path: Path, written: set[str]) -
             table["file"] = moved(str(table["file"]))
     for fields in document.get("materials", {}).values():
         for field, value in fields.items():
-            if isinstance(value, str) and Path(value).suffix.lower() in PICTURES:
-                fields[field] = moved(value)
+            if file := _picture_in(value):
+                fields[field] = _with_texture(value, moved(file))
 
 
 def _in_group(value: Floats, selector: Selector, scene: SceneDescription) -> Floats:

@@ -39,13 +39,16 @@ def read_texture(path: StrPath, encoding: str | None = None) -> dict[str, Any]:
     if encoding not in (*_CURVES, None):
         raise SceneError(f"{path}: encoding: {show(encoding)} is unknown{nearest(str(encoding), _CURVES)}")
     data = read_bytes(path, PICTURES, "a picture", limit=PICTURE_BYTES)
+    return {"file": str(path), **_bounded(path, texels_in(path, suffix, data, encoding))}
+
+
+def texels_in(path: Path, suffix: str, data: bytes, encoding: str | None = None) -> Pixels:
+    """Return the texels (h, w, 3) of a picture that is `data`, of the kind that `suffix` tells, in the file `path`."""
     curve = _CURVES[encoding or "srgb"]
     with decoding(path, suffix, SceneError):
         if suffix == ".exr":
-            texels = decode_exr(path, data)
-        else:
-            texels = (decode_png if suffix == ".png" else decode_jpg)(path, data, curve)
-    return {"file": str(path), **_bounded(path, texels)}
+            return decode_exr(path, data)
+        return (decode_png if suffix == ".png" else decode_jpg)(path, data, curve)
 
 
 def _bounded(path: Path, texels: Pixels) -> dict[str, Any]:

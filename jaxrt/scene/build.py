@@ -98,7 +98,8 @@ def _triangles(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray
     singles = np.asarray([t.vertices for t in scene.triangles], float).reshape(-1, 3)
     vertices = [mesh.world for mesh in scene.meshes] + [singles]
     faces = [mesh.faces[mesh.kept] for mesh in scene.meshes] + [np.arange(len(singles)).reshape(-1, 3)]
-    material = [np.array([rows[name] for name in mesh.names])[mesh.rows] for mesh in scene.meshes]
+    # A mesh may bring materials along that no face, or none with an area, is made of
+    material = [np.array([rows.get(name, -1) for name in mesh.names])[mesh.rows] for mesh in scene.meshes]
     material.append(np.array([rows[t.material] for t in scene.triangles], int))
     first = np.cumsum([0] + [len(v) for v in vertices])
     corners = np.concatenate(vertices) - origin

@@ -26,9 +26,10 @@ def load_mesh(path: str | PathLike[str], materials: bool = True, allow_folders: 
 
     And `uv` (k, 2), `face_uv` (n, 3) and `colors` (v, 3), linear, where the file has places on textures and colours.
     Vertices keep the order of the file; those of an STL file that share a place become one. An OBJ file that uses the
-    materials of an MTL file also gives `materials`, each named `file:name`, and `face_materials` (n,).
-    materials: False leaves the MTL file alone. allow_folders: folders besides the file's own, and those below it, from
-    which what the file names may be read. Warns once (SceneWarning) of all that the file holds and the mesh does not.
+    materials of an MTL file, and a GLB file with materials, also give `materials`, each named `file:name`,
+    `face_materials` (n,), and `textures` where these have some. materials: False leaves them alone. allow_folders:
+    folders besides the file's own, and those below it, from which what the file names may be read. Warns once
+    (SceneWarning) of all that the file holds and the mesh does not.
     Raises SceneError: file, line where there is one, culprit, remedy.
     """
     mesh = read_mesh(path, materials, allow_folders)
@@ -74,4 +75,4 @@ def _read(data: bytes, kind: str, path: Path, materials: bool, folders: Folders)
         case ".stl":
             return read_stl(data, source), {}
         case _:
-            return read_glb(data, path, folders), {}
+            return read_glb(data, path, folders, materials)

@@ -2,6 +2,7 @@
 
 import base64
 import binascii
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from jaxrt.description import SceneError, show
 from jaxrt.description.mesh_facts import Floats, Ints
+from jaxrt.description.textures import PICTURES
 from jaxrt.io.files import read_bytes
 from jaxrt.io.folders import Folders, named_file
 
@@ -98,6 +100,21 @@ class Accessors:
             raise Broken(f"accessors[{number}]: indices must be unsigned whole numbers: save it again")
         return self._array(number, "SCALAR")[:, 0].astype(np.int64)
 
+    def image(self, number: Any) -> bytes:
+        """Return the bytes of an image: those of a buffer view, of the JSON, or of another file."""
+        image, place = item(self.document, "images", number), f"images[{number}]"
+        if "bufferView" not in image:
+            uri = image.get("uri")
+            if not isinstance(uri, str):
+                raise Broken(f"{place}.uri: {show(uri)} is not a name: save it again")
+            return self._read(uri, place, PICTURES)
+        view, name = item(self.document, "bufferViews", image["bufferView"]), f"bufferViews[{image['bufferView']}]"
+        data = self._buffer(view.get("buffer"), [])
+        offset, length = whole(view, "byteOffset", name, 0), whole(view, "byteLength", name)
+        if offset + length > len(data):
+            raise Broken(f"{place}: does not fit into its buffer: save it again")
+        return data[offset : offset + length]
+
     def _array(self, number: int, kind: str) -> NDArray[Any]:
         """Return the rows of an accessor, normalized ones as what they stand for, sparse ones filled in."""
         accessor, place = item(self.document, "accessors", number), f"accessors[{number}]"
@@ -174,13 +191,13 @@ class Accessors:
         self.buffers[number] = data
         return data
 
-    def _read(self, uri: str, place: str) -> bytes:
+    def _read(self, uri: str, place: str, kinds: Sequence[str] = (".bin",)) -> bytes:
         if not uri.startswith("data:"):
             if "://" in uri:
                 raise Broken(f"{place}.uri: {show(uri)} is not opened: save the mesh with its data inside")
             file = named_file(unquote(uri), self.path, f"{place}.uri", self.allow_folders)
             try:
-                return read_bytes(file, (".bin",), remedy="save the mesh with its data inside")
+                return read_bytes(file, kinds, remedy="save the mesh with its data inside")
             except SceneError as error:
                 raise Broken(f"{place}.uri: {error}") from None
         try:

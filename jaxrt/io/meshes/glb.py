@@ -16,6 +16,7 @@ from jaxrt.description import SceneError, show
 from jaxrt.description.mesh_facts import Floats, Ints
 from jaxrt.io.folders import Folders
 from jaxrt.io.meshes.accessors import Accessors, Broken, extensions_of, item, rows
+from jaxrt.io.meshes.glb_materials import glb_materials
 from jaxrt.io.meshes.nodes import drawn_nodes
 from jaxrt.io.meshes.polygons import Polygons
 from jaxrt.io.meshes.soundness import Mesh, check_vertices, no_faces
@@ -40,12 +41,21 @@ _TRIANGLES = frozenset([4, 5, 6])
 Look = Floats | int  # rows of vertices, or how many have none
 
 
-def read_glb(data: bytes, path: Path, allow_folders: Folders) -> Mesh:
-    """Return the mesh in a GLB file. Raises SceneError with the place in its JSON."""
+def read_glb(data: bytes, path: Path, allow_folders: Folders, materials: bool) -> tuple[Mesh, dict[str, Any]]:
+    """Return the mesh in a GLB file, and its materials where they are wanted.
+
+    Raises SceneError with the place in its JSON.
+    """
     source = str(path)
     try:
         document, binary = _chunks(data)
-        return _Reader(document, Accessors(document, binary, path, allow_folders), source).read()
+        reader = _Reader(document, Accessors(document, binary, path, allow_folders), source)
+        mesh = reader.read()
+        if not materials:
+            return mesh, {}
+        has = mesh.uv is not None, mesh.colors is not None
+        table, notes = glb_materials(reader.accessors, path, reader.materials, *has)
+        return mesh, table | {"notes": notes}
     except Broken as error:
         raise SceneError(f"{source}: {error}") from None
     except RecursionError:
@@ -85,6 +95,7 @@ class _Reader:
     def __init__(self, document: dict[str, Any], accessors: Accessors, source: str):
         self.document, self.accessors, self.source = document, accessors, source
         self.said: dict[str, None] = {}  # notes, each once
+        self.materials: list[tuple[Any, int]] = []  # number of each part's, and how many faces it has
 
     def read(self) -> Mesh:
         self._check_extensions()
@@ -100,6 +111,7 @@ class _Reader:
                 if part is not None:
                     looks.append(self._looks(primitive, len(part[0]), f"meshes[{number}].primitives[{i}]"))
                     parts.append(_placed(*part, matrix, first))
+                    self.materials.append((primitive.get("material"), len(part[1])))
                     first += len(part[0])
         if not sum(len(faces) for _, faces in parts):
             raise no_faces(self.source)
@@ -143,8 +155,6 @@ class _Reader:
         packed = _PACKED.intersection(extensions_of(primitive))
         if packed and not self.accessors.has_data(attributes["POSITION"]):
             raise Broken(f"{place}: needs the extension {show(min(packed))}, which is not read: save it without")
-        if "material" in primitive:
-            self._say("materials and textures are not read: name them in the scene file")
         vertices = self.accessors.positions(attributes["POSITION"])
         if "indices" in primitive:
             corners = self.accessors.indices(primitive["indices"])
