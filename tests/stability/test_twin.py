@@ -26,8 +26,8 @@ WHY = {
     "events by curved mirrors and glass, each of which magnifies rounding; with two events no pixel is off",
     "scenes/rough_balls.toml": "one of the pixel's 16 samples: a path of up to four events by narrow highlights of "
     "curved metal, each of which magnifies rounding; with two events no pixel is off by 1e-4",
-    "scenes/rough_glass.toml": "one of the pixel's 16 samples: a path of up to seven events by curved glass, each of which "
-    "magnifies rounding, to the other side of a tile's edge; with two events no pixel is off by 1e-4",
+    "scenes/rough_glass.toml": "one of the pixel's 16 samples: a path of up to seven events by curved glass, each of "
+    "which magnifies rounding, to the other side of a tile's edge; with two events no pixel is off by 1e-4",
 }
 # Pixels; which paths are magnified most is up to the processor's rounding
 LIMIT = {"scenes/seed/several_balls_and_triangles.toml": 4, "scenes/rough_balls.toml": 2, "scenes/rough_glass.toml": 10}
