@@ -33,7 +33,7 @@ SURFACE = SurfacePoint(jnp.zeros(3), jnp.asarray([0.0, 0.0, 1.0]), jnp.zeros(())
 KINDS = {
     "chalk": Chalk(jnp.asarray([0.8, 0.5, 0.2])),
     "phong": Phong(jnp.asarray([0.8, 0.5, 0.2]), jnp.asarray(5.0)),
-    "conductor": Conductor(jnp.asarray([0.8, 0.5, 0.2]), jnp.asarray(0.5)),
+    "conductor": Conductor(jnp.asarray([0.8, 0.5, 0.2]), jnp.asarray(0.5), jnp.ones(())),
     "plastic": Plastic(jnp.asarray([0.8, 0.5, 0.2]), jnp.asarray(0.5), jnp.asarray(1.5)),
 }
 
