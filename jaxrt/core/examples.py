@@ -1,7 +1,9 @@
-"""The scenes that come with jaxrt, and their meshes. Imports nothing large."""
+"""The scenes that come with jaxrt, with their meshes and pictures. Imports nothing large."""
 
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from jaxrt.core.messages import SceneError, nearest, show
 
@@ -34,11 +36,21 @@ def about(path: Path) -> str:
 
 
 def copy_of(name: str) -> tuple[str, dict[str, bytes]]:
-    """Return the text of an example whose meshes lie beside it, and these meshes by their names there."""
+    """Return the text of an example whose meshes and pictures lie beside it, and these by their names there."""
     path = example_file(name)
-    text, meshes = path.read_text(encoding="utf-8"), {}
-    for file in (mesh["file"] for mesh in tomllib.loads(text).get("meshes", []) if "file" in mesh):
-        beside = Path(file).name
-        meshes[beside] = (path.parent / file).read_bytes()
-        text = text.replace(f'"{file}"', f'"{beside}"')
-    return text, meshes
+    text, files = path.read_text(encoding="utf-8"), {}
+    for word in _words(tomllib.loads(text)):
+        if (path.parent / word).is_file():
+            beside = Path(word).name
+            files[beside] = (path.parent / word).read_bytes()
+            text = text.replace(f'"{word}"', f'"{beside}"')
+    return text, files
+
+
+def _words(value: Any) -> Iterator[str]:
+    """Yield all texts in a document."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list):
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from _words(part)

@@ -145,7 +145,7 @@ def _move_pictures(document: Any, source: Path, path: Path, written: set[str]) -
         if "file" in table and table["file"] not in written:
             table["file"] = moved(str(table["file"]))
     for fields in document.get("materials", {}).values():
-        for field, value in fields.items():
+        for field, value in list(fields.items()):
             if file := _picture_in(value):
                 fields[field] = _with_texture(value, moved(file))
 

@@ -10,7 +10,7 @@ from jaxrt.core.writing import write_whole
 
 
 def run(args: argparse.Namespace) -> None:
-    """List the scenes that come with jaxrt, or write one with its meshes."""
+    """List the scenes that come with jaxrt, or write one with its meshes and pictures."""
     if args.name is None:
         _list(args.output)
         return
