@@ -205,17 +205,21 @@ class SceneDescription(Table):
         from_meshes = {mesh.names[row] for mesh in self.meshes for row in np.unique(mesh.rows)}
         return from_meshes | {solid.material for solid in solids}
 
-    def fields_of(self, name: str) -> dict[str, Measure]:
-        """Return the parameters of a material: of optional ones those that it, or another that is used as it, gives."""
-        table, used = self.materials[name], self.used
-        kind = MATERIALS.kind_of(table)
-        alike: list[Any] = [self.materials[other] for other in used if name in used]
-        tables = [each for each in alike if MATERIALS.kind_of(each) is kind] or [table]
-        return {
-            field: measure
-            for field, measure in kind.parameters.items()
-            if field not in kind.optional or any(getattr(each, field) is not None for each in tables)
-        }
+    @property
+    def material_fields(self) -> dict[str, dict[str, Measure]]:
+        """Parameters of each material: of optional ones those that it, or another that is used as it, gives."""
+        used, alike, fields = self.used, dict[str, list[Any]](), {}
+        for name in used:
+            alike.setdefault(MATERIALS.kind_of(self.materials[name]).name, []).append(self.materials[name])
+        for name, table in self.materials.items():
+            kind = MATERIALS.kind_of(table)
+            tables = alike[kind.name] if name in used else [table]
+            fields[name] = {
+                field: measure
+                for field, measure in kind.parameters.items()
+                if field not in kind.optional or any(getattr(each, field) is not None for each in tables)
+            }
+        return fields
 
     @property
     def origin(self) -> np.ndarray:

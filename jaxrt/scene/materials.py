@@ -38,7 +38,7 @@ def list_materials(scene: SceneDescription, dtype: DTypeLike, origin: np.ndarray
     stacks = {kind: MATERIALS.kinds[kind].stack(own, dtype, origin) for kind, own in tables.items()}
     materials = Materials.of(textures_of(scene, tables, dtype), **stacks)
     numbered = [name for kind in materials.kinds for name in made[kind.kind.name]]
-    fields = {name: scene.fields_of(name) for name in scene.materials}
+    fields = scene.material_fields
     idle, order = {}, {}
     for field in {field: None for own in fields.values() for field in own}:
         owners = [name for name, own in fields.items() if field in own]

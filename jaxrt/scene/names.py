@@ -70,8 +70,8 @@ def names_of(scene: SceneDescription, materials: Mapping[str, int]) -> Names:
     """
     fields: dict[str, list[str | None]] = {"spheres": [sphere.name for sphere in scene.spheres]}
     fields["groups"] = list(scene.groups)
-    for name in scene.materials:
-        for field in scene.fields_of(name):
+    for name, own in scene.material_fields.items():
+        for field in own:
             fields.setdefault(f"materials.{field}", []).append(name)
     for light in scene.lights:
         for field in LIGHTS.kind_of(light).parameters:

@@ -56,7 +56,7 @@ def place_in_file(description: SceneDescription, selector: Selector) -> str | in
     owner, _, field = selector.name.partition(".")
     assert selector.row is not None
     if owner == "materials":
-        return [name for name in description.materials if field in description.fields_of(name)][selector.row]
+        return [name for name, own in description.material_fields.items() if field in own][selector.row]
     if owner == "lights":
         lights = enumerate(description.lights)
         return [i for i, table in lights if field in LIGHTS.kind_of(table).parameters][selector.row]
