@@ -84,7 +84,7 @@ class Materials:
     @property
     def absorb(self) -> bool:
         """Whether light fades inside any."""
-        return any(getattr(kind, "absorption", None) is not None for kind in self.kinds)
+        return any(map(_absorbs, self.kinds))
 
     @property
     def bends(self) -> tuple[tuple[str, str], ...]:
@@ -180,7 +180,7 @@ def transmittance(one: Any, surface: SurfacePoint, wo: Array) -> Array | None:
 
     None of a material that absorbs none. After Beer and Lambert: exp(−absorption · length).
     """
-    if getattr(one, "absorption", None) is None or surface.travelled is None:
+    if not _absorbs(one) or surface.travelled is None:
         return None
     inside = dot(surface.shading, wo) < 0
     return jnp.exp(-one.absorption * jnp.where(inside, surface.travelled, 0))
@@ -193,8 +193,8 @@ def absorption_of(materials: Materials, surface: SurfacePoint) -> tuple[Array, A
         if kind.transmits:
             here = _within(surface.material, first, end)
             clear = here | clear
-            if getattr(kind, "absorption", None) is not None:
-                own = take(kind.absorption, jnp.clip(surface.material - first, 0, end - first - 1))
+            if _absorbs(kind):
+                own = take(kind.absorption, _number(surface, first, end))
                 absorption = jnp.where(here, own, absorption)
         first = end
     return absorption, clear
@@ -213,12 +213,22 @@ def albedo_of(materials: Materials, surface: SurfacePoint) -> Array:
 
 def _row(materials: Materials, kind: Any, surface: SurfacePoint, first: int, end: int, again: bool = False) -> Any:
     """Return the kind's one material that a surface has, or any of its own where the surface's is of another kind."""
-    row = surface.material
-    i = jnp.clip(row - first if first else row, 0, end - first - 1)
+    i = _number(surface, first, end)
     one = jax.tree.map(lambda leaf: take(leaf, i), kind)
     if materials.textures is None:
         return one
     return painted(materials.textures, kind.kind.name, one, i, surface.chart, again)
+
+
+def _number(surface: SurfacePoint, first: int, end: int) -> Array:
+    """Return the row of a surface's material among those of a kind, or any where it is of another kind."""
+    row = surface.material
+    return jnp.clip(row - first if first else row, 0, end - first - 1)
+
+
+def _absorbs(kind: Any) -> bool:
+    """Return whether light fades inside."""
+    return getattr(kind, "absorption", None) is not None
 
 
 def marks_of(materials: Materials, lookups: int) -> tuple[int, int, int]:

@@ -108,7 +108,8 @@ def pick(chance: Array, u: Array) -> tuple[Array, Array, Array]:
 def turned(alpha: Array, o: Local, first: Array, u: tuple[Array, Array]) -> Local:
     """Return a direction off a facet that is seen, or else one of a lobe as the cosine."""
     facet, even = _visible_normal(alpha, o, u)
-    return tuple(jnp.where(first, a, b) for a, b in zip(mirrored(o, facet), even, strict=True))  # type: ignore[return-value]
+    x, y, z = (jnp.where(first, a, b) for a, b in zip(mirrored(o, facet), even, strict=True))
+    return x, y, z
 
 
 def visible_normal(alpha: Array, o: Local, u: tuple[Array, Array]) -> Local:
