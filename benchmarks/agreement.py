@@ -130,7 +130,7 @@ def judge(title: str, ours: np.ndarray, theirs: np.ndarray, console: Console) ->
         table.add_row(quantity, value, limit, "[green]PASS" if passed else "[red]FAIL")
     console.print(table)
     beyond = np.mean(np.abs(z_scores(ours, theirs)) > 3)
-    console.print(f"pixels beyond 3 standard errors: {100 * beyond:.2f} %, of normal noise 0.27 %")
+    console.print(f"values beyond 3 standard errors: {100 * beyond:.2f} %, of normal noise 0.27 %")
     console.print(f"means: jaxrt {ours.mean(axis=(0, 1, 2))}, Mitsuba {theirs.mean(axis=(0, 1, 2))}")
     return all(row[3] for row in rows)
 

@@ -16,6 +16,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 
 import jaxrt
 from benchmarks.texture_task import TOLD, rate_at, texture_parser
@@ -34,8 +35,8 @@ def main() -> None:
     drawn = {"spp": options.target_spp, "max_depth": options.max_depth}
     targets = [jaxrt.render(view, 2**31 + i, **drawn).block_until_ready() for i, view in enumerate(views)]
     moved = [jnp.full_like(truth, 0.5)] if options.plain else parted(jnp.zeros_like(truth))
-    state = moved, *([jnp.zeros_like(x) for x in moved] for _ in range(2))
-    step, psnr, begin = step_of(name, options), [], (0.0, 0.0)
+    adam, psnr, begin = optax.scale_by_adam(), [], (0.0, 0.0)
+    state, step = (moved, adam.init(moved)), step_of(name, adam, options)
     for i in range(options.steps):
         state = step(*state, views[i % len(views)], targets[i % len(views)], np.uint32(i), rate_at(i, options))
         if i + 1 == len(views):
@@ -53,8 +54,8 @@ def texels(moved: list[Any], plain: bool) -> Any:
     return moved[0] if plain else jax.nn.sigmoid(joined(moved))
 
 
-def step_of(name: str, options: Any) -> Callable[..., Any]:
-    """Return (what moves, its first and second moments, view, target, number, rate) -> these after a step of Adam."""
+def step_of(name: str, adam: Any, options: Any) -> Callable[..., Any]:
+    """Return (what moves, Adam's state, view, target, number, rate) -> these two after a step."""
 
     def loss(moved: list[Any], view: Any, target: Any, i: Any) -> Any:
         painted = jaxrt.with_parameters(view, {name: texels(moved, options.plain)})
@@ -62,17 +63,10 @@ def step_of(name: str, options: Any) -> Callable[..., Any]:
         return jnp.mean((jaxrt.render(painted, 2 * i, **drawn) - target) ** 2)
 
     @jax.jit
-    def step(moved: Any, mean: Any, square: Any, view: Any, target: Any, i: Any, rate: Any) -> Any:
-        slopes = jax.grad(loss)(moved, view, target, i)
-        t = i.astype(jnp.float32) + 1
-
-        def one(x: Any, m: Any, v: Any, slope: Any) -> Any:
-            m, v = 0.9 * m + 0.1 * slope, 0.999 * v + 0.001 * slope**2
-            x = x - rate * (m / (1 - 0.9**t)) / (jnp.sqrt(v / (1 - 0.999**t)) + 1e-8)
-            return jnp.clip(x, 0, 1) if options.plain else x, m, v
-
-        moved = [one(*parts) for parts in zip(moved, mean, square, slopes, strict=True)]
-        return tuple([part[k] for part in moved] for k in range(3))
+    def step(moved: Any, state: Any, view: Any, target: Any, i: Any, rate: Any) -> Any:
+        moves, state = adam.update(jax.grad(loss)(moved, view, target, i), state)
+        moved = [x - rate * move for x, move in zip(moved, moves, strict=True)]
+        return [jnp.clip(x, 0, 1) for x in moved] if options.plain else moved, state
 
     return step
 
