@@ -21,6 +21,7 @@ from jaxrt.filters import Filter, filter_of
 from jaxrt.kernels.native import as_operand, default_devices, everywhere, local
 from jaxrt.scene import Scene, check_scene, drawn
 from jaxrt.scene.checks import check_memory
+from jaxrt.shapes.uv import with_places
 from jaxrt.transport.film import Plan, Run, draw_numbers
 from jaxrt.transport.interior import draw
 from jaxrt.transport.outputs import Output
@@ -234,6 +235,8 @@ def prepare(
     if sampler not in SAMPLERS:
         raise ValueError(f"render: unknown sampler {sampler!r}{nearest(str(sampler), SAMPLERS)}")
     scene, devices = _placed(scene, devices)
+    if "uv" in outputs:
+        scene = replace(scene, triangles=with_places(scene.triangles))
     tile = _tile(tile) if tile else (CPU_TILE if devices[0].platform == "cpu" else WIDE_TILE)
     run = Run(seed_from_key(key), jnp.int32(first), jnp.int32(first) + jnp.int32(count), jnp.int32(spp))
     # What is met first is the same whatever comes after

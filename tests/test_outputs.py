@@ -1,5 +1,6 @@
 """Outputs besides radiance: closed forms, derivatives with moving outlines, compositing, files."""
 
+import warnings
 from functools import cache, partial
 
 import jax
@@ -110,6 +111,28 @@ def test_uv_of_balls_and_triangles():
     np.testing.assert_allclose(
         found["uv"], (found["position"][..., :2] + 9 * found["alpha"][..., None]) / 18, atol=1e-5
     )
+
+
+@pytest.mark.parametrize("textured", [False, True])
+@pytest.mark.usefixtures("quick_compilation")
+def test_uv_of_meshes_is_their_own(textured):
+    """Linear in the place, seams and all, whether a texture asks for it or not; other meshes have shares of corners."""
+    square = {"vertices": [[-2, -2, 0], [0, -2, 0], [0, 2, 0], [-2, 2, 0]], "faces": [[0, 1, 2], [0, 2, 3]]}
+    right = {"vertices": [[0, -9, 0], [9, -9, 0], [0, 9, 0]], "faces": [[0, 1, 2]], "material": "red"}
+    uv = [[1, 2], [3, 2], [3, 8], [1, 8], [4, 2], [6, 8], [4, 8]]  # the second face's u begins at 4
+    left = square | {"uv": uv, "face_uv": [[0, 1, 2], [4, 5, 6]], "material": "paint"}
+    albedo = {"albedo": "tiles"} if textured else {"albedo": [0.5, 0.5, 0.5]}
+    scene = SCENE | {"spheres": [], "lights": [], "meshes": [left, right], "textures": {"tiles": {"type": "checker"}}}
+    scene["materials"] = SCENE["materials"] | {"paint": {"type": "diffuse"} | albedo}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", jaxrt.SceneWarning)
+        built = jaxrt.build(scene)
+    found = jaxrt.render(built, 7, spp=1, outputs=("uv", "position"))
+    x, y = np.moveaxis(np.asarray(found["position"], float)[..., :2], -1, 0)
+    across, up = (x + 2) / 2, (y + 2) / 4
+    on_left = np.stack([1 + 2 * across + 3 * (up > across), 2 + 6 * up], -1)
+    on_right = np.stack([x / 9, (y + 9) / 18], -1)
+    np.testing.assert_allclose(found["uv"], np.where((x < 0)[..., None], on_left, on_right), atol=1e-4)
 
 
 def test_the_picture_is_its_foreground_and_its_sky():

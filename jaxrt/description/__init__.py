@@ -84,6 +84,9 @@ class EnvironmentDescription(Table):
 MaterialDescription = Annotated[Table, PlainValidator(MATERIALS.validate)]  # of the kind that its type names
 
 
+SHARES = ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))  # what corners have, for places to be those of the second and the third
+
+
 class SphereDescription(Table):
     """A sphere."""
 
@@ -99,7 +102,7 @@ class TriangleDescription(Table):
 
     vertices: Annotated[tuple[Vector, Vector, Vector], BeforeValidator(three)]
     material: Name
-    uv: Annotated[tuple[Pair, Pair, Pair], BeforeValidator(three)] = ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
+    uv: Annotated[tuple[Pair, Pair, Pair], BeforeValidator(three)] = SHARES
 
     @model_validator(mode="after")
     def _check_area(self) -> Self:

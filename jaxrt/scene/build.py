@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jax.typing import DTypeLike
 
-from jaxrt.description import SceneDescription, SceneWarning, parse_description, show
+from jaxrt.description import SHARES, SceneDescription, SceneWarning, parse_description, show
 from jaxrt.description.kinds import CAMERAS
 from jaxrt.description.mesh_facts import weld
 from jaxrt.kernels.native import default_devices, everywhere
@@ -104,6 +104,7 @@ def _triangles(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray
     first = np.cumsum([0] + [len(v) for v in vertices])
     corners = np.concatenate(vertices) - origin
     indices = np.concatenate([f + start for f, start in zip(faces, first, strict=False)])
+    chart, uv = _charts(scene, indices, dtype)
     return Triangles(
         jnp.asarray(corners, dtype),
         jnp.asarray(indices, jnp.int32),
@@ -111,23 +112,29 @@ def _triangles(scene: SceneDescription, rows: dict[str, int], origin: np.ndarray
         topology_of(corners, indices),
         mesh_edges(corners.astype(dtype), indices),
         _smooth(scene, corners, indices),
-        _chart(scene, indices, dtype),
+        chart,
+        uv,
         _wide(scene),
     )
 
 
-def _chart(scene: SceneDescription, faces: np.ndarray, dtype: DTypeLike) -> FaceChart | None:
-    """Return where faces (n, 3), those of meshes and then single ones, are on textures; None where none asks."""
+def _charts(scene: SceneDescription, faces: np.ndarray, dtype: DTypeLike) -> tuple[FaceChart | None, Array | None]:
+    """Return where faces (n, 3), those of meshes and then single ones, are on textures, and where by `uv` alone.
+
+    The first is None where no texture asks. The second (n, 3, 2) is None where the first has it, or there is none. On a
+    mesh without uv the places are shares of the second and the third corner.
+    """
     names = [mesh.names[row] for mesh in scene.meshes for row in np.unique(mesh.rows)]
-    uv, vertices = asks(scene, [*names, *(triangle.material for triangle in scene.triangles)])
-    if not (uv or vertices):
-        return None
-    corners = [np.zeros((len(m.kept), 3, 2)) if m.corners_uv is None else m.corners_uv for m in scene.meshes]
-    singles = np.asarray([triangle.uv for triangle in scene.triangles], float).reshape(-1, 3, 2)
-    return FaceChart(
-        jnp.asarray(np.concatenate([*corners, singles]), dtype) if uv else None,
-        jnp.asarray(faces, jnp.int32) if vertices else None,
-    )
+    asked, vertices = asks(scene, [*names, *(triangle.material for triangle in scene.triangles)])
+    own = [m.corners_uv is not None for m in scene.meshes] + [t.uv != SHARES for t in scene.triangles]
+    uv = None
+    if asked or any(own):
+        plain = [np.broadcast_to(SHARES, (len(m.kept), 3, 2)) for m in scene.meshes]
+        corners = [p if m.corners_uv is None else m.corners_uv for m, p in zip(scene.meshes, plain, strict=True)]
+        singles = np.asarray([triangle.uv for triangle in scene.triangles], float).reshape(-1, 3, 2)
+        uv = jnp.asarray(np.concatenate([*corners, singles]), dtype)
+    chart = FaceChart(uv if asked else None, jnp.asarray(faces, jnp.int32) if vertices else None)
+    return chart if asked or vertices else None, None if asked else uv
 
 
 def _wide(scene: SceneDescription) -> bool:

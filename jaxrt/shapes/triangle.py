@@ -40,6 +40,9 @@ class Triangles:
     edges: MeshEdges | None = None  # for what moving edges add to derivatives
     smooth: Array | None = None  # (n, 3) int32, corners of one number share their normal; None: no mesh is smooth
     chart: FaceChart | None = None  # None where no texture asks
+    uv: Array | None = (
+        None  # (n, 3, 2) for who asks for the output of that name; None: the chart's, or shares of corners
+    )
     wide: bool = static(default=False)  # some are far wider than other things of the scene are large
 
 
@@ -190,11 +193,16 @@ def _chart(corners: FaceChart, i: Array, weights: tuple[Array, Array]) -> Chart:
     shares = jnp.stack([1 - weights[0] - weights[1], *weights])
     uv = vertices = None
     if corners.uv is not None:
-        a, b, c = take(corners.uv, i)
-        uv = a + weights[0] * (b - a) + weights[1] * (c - a)
+        uv = interpolated(take(corners.uv, i), weights)
     if corners.vertices is not None:
         vertices = take(corners.vertices, i)
     return Chart(uv, vertices, None if vertices is None else shares)
+
+
+def interpolated(corners: Array, weights: Array | tuple[Array, Array]) -> Array:
+    """Return what corners have (3, c) at a place of these barycentric coordinates, of the second and third corner."""
+    a, b, c = corners
+    return a + weights[0] * (b - a) + weights[1] * (c - a)
 
 
 def _plane_error(corners: Array) -> Array:
