@@ -79,6 +79,7 @@ class Drawing(Options, total=False):
     boundary_samples: int
     gradient_key: int | Array | None
     gradient_spp: int | None
+    samples: tuple[int | Array, int] | None
 
 
 @overload
@@ -103,6 +104,7 @@ def render(
     boundary_samples: int = 0,
     gradient_key: int | Array | None = None,
     gradient_spp: int | None = None,
+    samples: tuple[int | Array, int] | None = None,
     unroll: bool = False,
     tile: tuple[int, int] | None = None,
     devices: Sequence[jax.Device] | None = None,
@@ -133,6 +135,10 @@ def render(
     has there where x0 and y0 are multiples of the tile, else to 1e-6. pixels: columns and rows (n, 2) of what is to be
     drawn alone: (n, 3). Windows of one size, and lists of one length, share a program; x0, y0, pixels may be traced.
 
+    samples: (first, n) draws only the spp samples from `first` on of a picture of n. Pictures of one key whose samples
+    are 0 … n − 1 together have that picture's mean, whose noise is far below that of as many keys; `first` may be
+    traced, as that of the next step of a descent.
+
     filter: "box", a pixel's own square, "gaussian" or "blackman-harris", whose samples lie about a pixel's middle as
     the filter weighs them; filter_width: pixels from end to end, 3 by default. Both default to the scene's.
 
@@ -157,10 +163,11 @@ def render(
     options: Options = dict(max_depth=max_depth, sampler=sampler, unroll=unroll, tile=tile, devices=devices)
     options |= dict(window=window, pixels=pixels, filter=filter, filter_width=filter_width)
     gradient_key = key if gradient_key is None else gradient_key
+    first, of = (0, None) if samples is None else _samples(samples)
 
     def drawn_as(outputs: tuple[Output, ...]) -> Array:
-        plain, run, plan = prepare(scene, key, 0, spp, spp, outputs=outputs, **options)
-        gradient_run = prepare(scene, gradient_key, 0, gradient_spp, gradient_spp, **options)[1]
+        plain, run, plan = prepare(scene, key, first, spp, of or spp, outputs=outputs, **options)
+        gradient_run = prepare(scene, gradient_key, first, gradient_spp, of or gradient_spp, **options)[1]
         # XLA divides or multiplies as it likes, which is not the same to the bit: the choice is made here
         picture = draw_sum(plain, run, plan, gradient_run) * (1 / spp)
         if boundary_samples:
@@ -188,6 +195,16 @@ def _sized(scene: Scene, width: int | None, height: int | None) -> Scene:
     rows = _count("height", scene.camera.height if height is None else height)
     check_memory(columns, rows, "render")
     return replace(scene, camera=replace(scene.camera, width=columns, height=rows))
+
+
+def _samples(samples: tuple[int | Array, int]) -> tuple[int | Array, int]:
+    """Return the number of the first sample, modulo that of all, and that."""
+    if not isinstance(samples, tuple | list) or len(samples) != 2:
+        raise ValueError(
+            f"render: samples is {show(samples)}: pass the first and how many there are in all, as (0, 256)"
+        )
+    of = _count("samples", samples[1])
+    return samples[0] % of, of
 
 
 def _count(name: str, value: int, least: int = 1) -> int:

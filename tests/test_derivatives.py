@@ -265,6 +265,26 @@ def test_gradient_key_and_gradient_spp():
         ball_picture(values, gradient_spp=0)
 
 
+@unoptimised
+def test_samples_in_parts():
+    """Parts of a picture's samples have its mean, in the picture and, by another key's samples, in the derivative."""
+    values = chosen(lights_position=[[0.8, -0.3, 0.4]])
+
+    @jax.jit
+    def part(values, first):
+        draw = partial(ball_picture, key=1, spp=SPP // 2, samples=(first, SPP), gradient_key=2)
+        image, pull = jax.vjp(draw, values)
+        return image, pull(jnp.ones_like(image))[0]
+
+    parts = [part(values, jnp.uint32(first)) for first in (0, SPP // 2)]
+    image, pulled = jax.tree.map(lambda a, b: (a + b) / 2, *parts)
+    (wanted, _), (_, expected) = (ball_program(2)(values, jnp.uint32(key)) for key in (1, 2))
+    np.testing.assert_allclose(image, wanted, rtol=1e-5, atol=1e-6)
+    for name in CHOSEN:
+        np.testing.assert_allclose(pulled[name], expected[name], rtol=1e-5, atol=1e-5)
+    assert np.abs(parts[0][0] - parts[1][0]).max() > 1e-3
+
+
 # What it costs
 
 

@@ -24,10 +24,11 @@ from command import working_folder
 import jaxrt
 from jaxrt import cli
 from jaxrt.cli.arguments import parser
-from jaxrt.fit import Fit, FitError, Machine, Problem, Progress, Step, descent, standard_errors, unknowns_of
+from jaxrt.fit import Fit, FitError, Machine, Problem, Progress, Step, descent, sought, standard_errors, unknowns_of
 from jaxrt.fit.command import told
 from jaxrt.fit.descent import Found, descend
 from jaxrt.fit.files import load_target, read_progress
+from jaxrt.fit.smooth import differences
 from jaxrt.fit.solve import Drawing, Look
 from jaxrt.gradcheck.coverage import CROSSING, SPECULAR
 from jaxrt.kinds import Place, Positive, Ray, normalize
@@ -490,3 +491,37 @@ def test_reports_of_other_fits_are_not_resumed(folder: Path) -> None:
     (folder / "fit.json").write_text("[]")
     with pytest.raises(FitError, match="no report of a fit"):
         read_progress(folder / "fit.json", unknowns)
+
+
+@pytest.mark.usefixtures("quick_compilation")
+def test_smooth_textures_go_on_where_no_picture_shows_them():
+    """Texels that are seen stay as they are; the others lie between their neighbours, and errors tell them apart."""
+    truth = np.asarray([[[0.3], [0.6], [0.5], [0.7]], [[0.5], [0.4], [0.6], [0.2]]]) * np.ones(3)
+    wall = {"vertices": [[-1, -1, 0], [3, -1, 0], [3, 1, 0], [-1, 1, 0]], "faces": [[0, 1, 2], [0, 2, 3]]}
+
+    def scene(texels):
+        return jaxrt.build({
+            "camera": {"position": [0, 0, 4], "target": [0, 0, 0], "fov": 30, "width": 8, "height": 8},
+            "textures": {"wood": {"texels": texels, "wrap": "clamp"}},
+            "materials": {"paint": {"type": "diffuse", "albedo": "wood"}},
+            "meshes": [wall | {"uv": [[0, 0], [1, 0], [1, 1], [0, 1]], "material": "paint"}],
+            "lights": [{"position": [0, 0, 4], "intensity": [30, 30, 30]}],
+            "render": {"spp": 4, "max_depth": 1},
+        })  # fmt: skip
+
+    grey = scene(np.full_like(truth, 0.5))
+    answer = jaxrt.fit(grey, jaxrt.render(scene(truth), 9, spp=64), ["textures.wood"], smoothness=1e-3, max_steps=12)
+    found, errors = (np.asarray(x["textures.wood"]) for x in (answer.values, answer.errors))
+    np.testing.assert_allclose(found[:, :2], truth[:, :2], atol=0.02)
+    # The last column is between the seen one beside it and the mean of what is seen, as far as noise lets it
+    assert (errors[:, 3] > 5 * errors[:, 0]).all() and np.isfinite(errors).all()
+    assert np.abs(found[:, 3] - found[:, 2]).max() < 0.1 < np.abs(found[0, 3] - truth[0, 3]).min()
+
+
+@pytest.mark.parametrize("bad", [0, -1, np.nan, "much", True])
+def test_smoothness_is_a_number_above_0(bad):
+    scene = jaxrt.load_scene(ROOT / "scenes/ball_on_floor.toml")
+    with pytest.raises(FitError, match="smoothness"):
+        differences(scene, sought(scene, ["lights.intensity[0]"]), bad)
+    with pytest.raises(FitError, match="texels"):
+        differences(scene, sought(scene, ["lights.intensity[0]"]), 0.01)

@@ -139,6 +139,8 @@ def test_float64_scene(small_room: jaxrt.Scene) -> None:
     [
         ({"spp": 0}, "spp is 0, want at least 1"),
         ({"max_depth": 0}, "max_depth is 0, want at least 1"),
+        ({"samples": (0, 0)}, "samples is 0, want at least 1"),
+        ({"samples": 4}, "samples is 4: pass the first and how many there are in all"),
         ({"sampler": "sobel"}, "unknown sampler.*sobol"),
     ],
 )

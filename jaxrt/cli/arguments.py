@@ -161,6 +161,7 @@ def _add_fit(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--max-depth", type=count, metavar="D", help="scattering events along a path")
     parser.add_argument("--max-steps", type=count, default=60, metavar="N", help="of the solver (60)")
     parser.add_argument("--starts", type=count, default=1, metavar="N", help="starts to choose the best of (1)")
+    parser.add_argument("--smoothness", type=_number, metavar="S", help="of textures sought, such as 0.01 (none)")
     parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of the random numbers (0)")
     parser.add_argument("--cores", type=count, metavar="N", help="CPU cores (all)")
     parser.add_argument("--srgb", action="store_true", help="a PNG holds the sRGB curve, not gamma 2.2")

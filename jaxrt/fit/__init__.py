@@ -17,6 +17,7 @@ from jaxrt.description import SceneWarning, show
 from jaxrt.fit.answer import Fit, answer_of
 from jaxrt.fit.descent import Progress, Step, descend
 from jaxrt.fit.lacks import missing_terms, warning_of
+from jaxrt.fit.smooth import differences
 from jaxrt.fit.solve import Machine, Problem
 from jaxrt.fit.targets import FitError, targets_of
 from jaxrt.fit.unknowns import Unknowns, all_rows, unknowns_of
@@ -56,6 +57,7 @@ def fit(
     seed: int = 0,
     max_steps: int = 60,
     starts: int = 1,
+    smoothness: float | None = None,
     resume: Progress | None = None,
     progress: Callable[[Step], None] | None = None,
 ) -> Fit:
@@ -66,8 +68,9 @@ def fit(
     is drawn. parameters: names such as "lights.position[0]"; one of several rows without a row stands for all.
     weight: (height, width, 3), or what broadcasts to it, 0 where the target is not to be trusted; for a dict a dict, of
     some of its names. spp: samples of the last stage, max_depth: scattering events; both default to the scene's own.
-    max_steps: of all stages. starts: how many starts to choose from. resume: the `progress` of an earlier fit of the
-    same, to go on from as if it had not ended. progress: called after each step.
+    max_steps: of all stages. starts: how many starts to choose from. smoothness: how much neighbouring texels of the
+    textures sought are to be alike, as a share of the target's size, such as 0.01; None: not at all. resume: the
+    `progress` of an earlier fit of the same, to go on from as if it had not ended. progress: called after each step.
 
     Several views are fitted together: scene is then a list of scenes alike but for their cameras, as
     `jaxrt.load_views` returns, with a list of targets, and of weights. What is sought of the camera is the same for
@@ -94,7 +97,8 @@ def fit(
     sized = [_sized(*view) for view in zip(scenes, shown.pictures, strict=True)]
     cameras = tuple(view.camera for view in sized) if len(sized) > 1 else ()
     picture, trust = tall(shown.pictures), tall(shown.weights)
-    problem = Problem(sized[0], unknowns, picture, trust, depth, cameras=cameras, outputs=shown.outputs)
+    smooth = differences(scene, unknowns, smoothness)
+    problem = Problem(sized[0], unknowns, picture, trust, depth, cameras=cameras, outputs=shown.outputs, smooth=smooth)
     seed = _count("seed", seed, least=0)
 
     def report(step: Step) -> None:

@@ -65,7 +65,7 @@ def _run(args: argparse.Namespace) -> int:
     answer = fit(
         scenes, [target.image for target in targets], args.parameters, weight=[target.weight for target in targets],
         spp=args.spp, max_depth=args.max_depth, seed=args.seed, max_steps=args.max_steps, starts=args.starts,
-        resume=resume, progress=report,
+        smoothness=args.smoothness, resume=resume, progress=report,
     )  # fmt: skip
     write_scene(args.scene, folder / "fitted.toml", answer.values, selectors, description)
     write_report(folder / "fit.json", final_report(answer))

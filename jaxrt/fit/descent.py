@@ -185,14 +185,14 @@ def _polish(machine: Machine, vector: Vector, how: Drawing, seed: int) -> Vector
     such bias. A step counts if the product of two residuals, a loss without bias, falls.
     """
     seeds = [(seed + k) % 2**32 for k in (0, 3)]
-    best, (residuals, jacobians) = vector, _pair(machine, vector, how, seeds)
+    best, (residuals, jacobians) = vector, _smooth_pair(machine, vector, how, seeds)
     loss = float(np.sum(residuals[0] * residuals[1]))
     for _ in range(POLISH):
-        moves = [instrumental(jacobians[i], jacobians[1 - i], TINY) @ residuals[i].ravel() for i in (0, 1)]
+        moves = [instrumental(jacobians[i], jacobians[1 - i], TINY) @ residuals[i] for i in (0, 1)]
         trial = (best - np.mean(moves, axis=0)).astype(vector.dtype)
         if not np.abs(trial - best).max() < LARGEST_MOVE:
             break
-        residuals, jacobians = _pair(machine, trial, how, seeds)
+        residuals, jacobians = _smooth_pair(machine, trial, how, seeds)
         gained = float(np.sum(residuals[0] * residuals[1]))
         if not gained < loss:
             break
@@ -205,6 +205,15 @@ def _pair(
 ) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
     """Return residuals and Jacobians of two seeds."""
     a, b = (machine.evaluate(vector, seed, how) for seed in seeds)
+    return (a[0], b[0]), (a[1], b[1])
+
+
+def _smooth_pair(
+    machine: Machine, vector: Vector, how: Drawing, seeds: list[int]
+) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+    """Return residuals (n,) and Jacobians (n, k) of two seeds, followed by what is to be small besides."""
+    residuals, jacobians = _pair(machine, vector, how, seeds)
+    a, b = (machine.problem.with_smooth(*pair, vector) for pair in zip(residuals, jacobians, strict=True))
     return (a[0], b[0]), (a[1], b[1])
 
 
@@ -260,10 +269,13 @@ def _judged(machine: Machine, start: Vector, now: Progress, spp: int, seed: int,
     how = Drawing(spp, rounds=now.rounds)
     before, now_there = (_pair(machine, at, how, [first, second]) for at in (start, now.vector))
     # The product of two residuals: a sum of squares would favour what is less noisy
-    if np.sum(before[0][0] * before[0][1]) < np.sum(now_there[0][0] * now_there[0][1]):
+    losses = [np.sum(a * b) + problem.roughness(at) for at, ((a, b), _) in ((start, before), (now.vector, now_there))]
+    if losses[0] < losses[1]:
         now, now_there = now._replace(vector=start), before
     residuals, jacobians = now_there
-    verdict = judge(residuals, jacobians, problem.unknowns.labels(), _are(machine, "place", "shift"))
+    places = _are(machine, "place", "shift")
+    smooth = None if problem.smooth is None else (problem.smooth, problem.smooth @ now.vector)
+    verdict = judge(residuals, jacobians, problem.unknowns.labels(), places, smooth)
     target = np.asarray(problem.target * problem.weight, float)
     pictures = before[0][0] * problem.scale + target, residuals[0] * problem.scale + target
     return Found(now.vector, verdict, now, interrupted, pictures)

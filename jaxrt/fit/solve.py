@@ -67,6 +67,7 @@ class Problem:
     boundary_samples: int | None = None  # of each view; None: 4 a pixel where edges move that are known
     cameras: tuple[Any, ...] = ()  # of several views, the scene's own first; their targets stand one below the other
     outputs: Asked = RADIANCE  # that the target shows
+    smooth: Floats | None = None  # (n, k) from the vector to what is to be small besides, in the units of `scale`
 
     @property
     def views(self) -> tuple[Any, ...]:
@@ -97,6 +98,17 @@ class Problem:
     def scale(self) -> Floats:
         """Return the units (1, 1, channels) of residuals, in which the target's own size is 1."""
         return scale_of(self.target, self.weight, self.outputs)
+
+    def with_smooth(self, residual: Floats, jacobian: Floats, vector: Vector) -> tuple[Floats, Floats]:
+        """Return a picture's residual (n,) and Jacobian (n, k) at a vector, followed by what is to be small besides."""
+        residual, jacobian = residual.ravel(), jacobian.reshape(-1, jacobian.shape[-1])
+        if self.smooth is None:
+            return residual, jacobian
+        return np.concatenate([residual, self.smooth @ vector]), np.concatenate([jacobian, self.smooth])
+
+    def roughness(self, vector: Vector) -> float:
+        """Return the sum of squares at a vector of what is to be small besides the picture's residual."""
+        return 0.0 if self.smooth is None else float(np.sum((self.smooth @ vector) ** 2))
 
 
 class Drawing(NamedTuple):
@@ -173,10 +185,11 @@ class Machine:
             if not np.isfinite(state.y_eval).all():
                 raise FitError(f"fit: no finite step from {self.problem.unknowns.values(y)}: check scene and target")
             accepted, count = int(state.num_accepted_steps) > count, int(state.num_accepted_steps)
-            residual, jacobian = (x.astype(float) for x in state.aux)
+            residual, jacobian = (x.astype(float) / GAIN for x in state.aux)
+            residual, jacobian = self.problem.with_smooth(residual, jacobian, y)
             loss = float(np.sum(residual**2))
             promise = promised_gain(residual, jacobian, None if accepted else state.y_eval - y) / max(loss, TINY)
-            yield Look(y, loss / GAIN**2, accepted, promise, float(state.search_state.step_size))
+            yield Look(y, loss, accepted, promise, float(state.search_state.step_size))
 
     def rounds_at(self, vector: Vector, seed: int, how: Drawing) -> int:
         """Return how many rounds of edge samples make the Jacobian's noise no larger than what it tells.
@@ -208,12 +221,13 @@ class Machine:
 def _constants(problem: Problem) -> tuple[Any, ...]:
     """Return what a problem's program is given of it; all else of the problem is part of the program."""
     weight = problem.weight * jnp.asarray(GAIN / problem.scale, problem.weight.dtype)
-    return problem.scene, problem.cameras, problem.target, weight
+    smooth = None if problem.smooth is None else jnp.asarray(GAIN * problem.smooth, weight.dtype)
+    return problem.scene, problem.cameras, problem.target, weight, smooth
 
 
 def _linear_model(problem: Problem, vector: Array, arguments: Arguments) -> tuple[Array, tuple[Array, Array]]:
     """Return the residual (n,) as a function of `vector`, linear around it, and (residual, Jacobian)."""
-    (scene, cameras, target, weight), seed, spp, rounds, filters, held = arguments
+    (scene, cameras, target, weight, smooth), seed, spp, rounds, filters, held = arguments
     here = lax.stop_gradient(vector)
 
     def residual(vector: Array) -> Array:
@@ -234,7 +248,10 @@ def _linear_model(problem: Problem, vector: Array, arguments: Arguments) -> tupl
         return _blurred((picture - target) * weight, filters).ravel()
 
     value, jacobian = value_and_jacobian(residual, here)
-    return value + jnp.matmul(jacobian, vector - here, precision=lax.Precision.HIGHEST), (value, jacobian)
+    model = value + jnp.matmul(jacobian, vector - here, precision=lax.Precision.HIGHEST)
+    if smooth is not None:
+        model = jnp.concatenate([model, jnp.matmul(smooth, vector, precision=lax.Precision.HIGHEST)])
+    return model, (value, jacobian)
 
 
 def _filters(problem: Problem, blur: float, dtype: Any) -> tuple[Vector, Vector]:

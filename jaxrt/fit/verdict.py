@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Rows = tuple[Floats, Floats]  # (n, k) from the unknowns' vector to further residuals, and what these (n,) are
 
 AMBIGUOUS = 1e4  # condition of the Jacobian from which on some change of the unknowns leaves the picture alone
 UNEXPLAINED = 0.01  # structured residual, of the target's RMS, that counts as an explained picture
 SIGNIFICANT = 4.0  # standard deviations
 SHARP = 0.02  # standard error, in components of the unknowns' vector (places: half of it), of a solved fit
 BLIND = 1e-7  # column of the Jacobian, of the largest one, below which no gradient reaches an unknown
+NAMES = 12  # of unknowns in a message
 NAMED = 0.1  # share in a null vector from which on an unknown is named
 
 
@@ -35,12 +37,17 @@ class Verdict(NamedTuple):
 
 
 def judge(
-    residuals: tuple[Floats, Floats], jacobians: tuple[Floats, Floats], labels: list[str], places: NDArray[np.bool_]
+    residuals: tuple[Floats, Floats],
+    jacobians: tuple[Floats, Floats],
+    labels: list[str],
+    places: NDArray[np.bool_],
+    smooth: Rows | None = None,
 ) -> Verdict:
     """Return the verdict on an answer.
 
     residuals: (height, width, 3) of two fresh seeds, in units in which the target's sum of squares is 1. jacobians:
-    (height, width, 3, k). labels: names of the k components; places: (k,) which of them are places.
+    (height, width, 3, k). labels: names of the k components; places: (k,) which of them are places. smooth: what was to
+    be small besides.
     """
     a, b = residuals
     jacobian = jacobians[0]
@@ -49,16 +56,21 @@ def judge(
     structured, significance = _structure(a, b)
     columns = np.linalg.norm(matrix, axis=0)
     blind = [label for label, norm in zip(labels, columns, strict=True) if norm <= BLIND * max(columns.max(), 1e-6)]
-    values, directions = _spectrum(matrix)
+    # Of all that was to be small
+    rows, left = matrix, a.ravel()
+    if smooth is not None:
+        rows, left = _below(matrix, smooth[0]), np.concatenate([left, smooth[1]])
+    values, directions = _spectrum(rows)
     condition = float(values[0] / values[-1]) if values[-1] > 0 else np.inf
     null = [
         _shares(direction, labels)
         for s, direction in zip(values, directions, strict=True)
         if s * AMBIGUOUS <= values[0]
     ]
-    errors = standard_errors(jacobian, a, jacobians[1]) if condition <= AMBIGUOUS else np.full(len(labels), np.inf)
-    slope = matrix.T @ a.ravel()
-    gradient = float(np.max(np.abs(slope) / np.maximum(columns * np.linalg.norm(a), 1e-30)))
+    known = condition <= AMBIGUOUS
+    errors = standard_errors(jacobian, a, jacobians[1], smooth) if known else np.full(len(labels), np.inf)
+    slope, sizes = rows.T @ left, np.linalg.norm(rows, axis=0)
+    gradient = float(np.max(np.abs(slope) / np.maximum(sizes * np.linalg.norm(left), 1e-30)))
     explained = structured <= UNEXPLAINED or significance <= SIGNIFICANT
     vague = np.flatnonzero(errors > np.where(places, SHARP / 2, SHARP))
     word, message = _word(explained, structured, blind, null, [labels[i] for i in vague])
@@ -82,9 +94,15 @@ def _word(
         return "ambiguous", f"{_gauge(null)}: fix one of them"
     if vague:
         return "noise-limited", (
-            f"the picture is explained, but noise leaves {', '.join(vague)} uncertain: more spp, or a cleaner target"
+            f"the picture is explained, but noise leaves {_some(vague)} uncertain: more spp, or a cleaner target"
         )
     return "solved", "the picture is explained up to noise, and determines the parameters"
+
+
+def _some(labels: list[str]) -> str:
+    """Return the first few names of a list, and how many more there are."""
+    more = len(labels) - NAMES
+    return ", ".join(labels) if more <= 0 else f"{', '.join(labels[:NAMES])} and {more} more"
 
 
 def _gauge(null: list[dict[str, float]]) -> str:
@@ -94,10 +112,10 @@ def _gauge(null: list[dict[str, float]]) -> str:
     intensities = [n for n in named if n.startswith(("lights.intensity", "environment.radiance"))]
     if albedos and intensities and len(albedos) + len(intensities) == len(named):
         if all(_opposite(direction, albedos) for direction in null):
-            return f"only the product of albedo and intensity is seen, the scale of {', '.join(named)} is not"
+            return f"only the product of albedo and intensity is seen, the scale of {_some(named)} is not"
     if len(named) == 1:
         return f"{named[0]} does not change the picture"
-    return f"{', '.join(named)} can change together without changing the picture"
+    return f"{_some(named)} can change together without changing the picture"
 
 
 def _opposite(direction: dict[str, float], albedos: list[str]) -> bool:
@@ -128,18 +146,33 @@ def _shares(direction: Floats, labels: list[str]) -> dict[str, float]:
     return {n: round(float(v), 3) for n, v in zip(labels, direction, strict=True) if abs(v) >= NAMED}
 
 
-def standard_errors(jacobian: Floats, residual: Floats, other: Floats | None = None) -> Floats:
+def standard_errors(
+    jacobian: Floats,
+    residual: Floats,
+    other: Floats | None = None,
+    smooth: Rows | None = None,
+) -> Floats:
     """Return the standard errors (k,) of a least-squares answer, from J (..., c, k) and the residual (..., c) there.
 
     The sandwich (JᵀJ)⁻¹ Jᵀ S J (JᵀJ)⁻¹ (White 1980), S = rrᵀ within each pixel: path-traced noise is not alike in all
     pixels, that of shadow edges, which place a light, is large; and the c channels of a pixel share their samples.
     other: J of other samples. JᵀJ of one alone is too large by J's own noise, and the errors are too small.
+    smooth: further residuals, of what was to be small besides. Of these S is the mean square of all: texels that no
+    picture shows are as rough as the others, however smoothly they are filled.
     """
     channels, k = jacobian.shape[-2:]
     pairs = [(jacobian, jacobian)] if other is None else [(jacobian, other), (other, jacobian)]
-    inverse = np.mean([instrumental(*pair) for pair in pairs], axis=0)
-    scores = (inverse * residual.ravel()).reshape(k, -1, channels).sum(axis=-1)
-    return np.sqrt(np.sum(scores**2, axis=1))
+    if smooth is not None:
+        pairs = [(_below(a, smooth[0]), _below(b, smooth[0])) for a, b in pairs]
+    inverse, seen = np.mean([instrumental(*pair) for pair in pairs], axis=0), residual.size
+    scores = (inverse[:, :seen] * residual.ravel()).reshape(k, -1, channels).sum(axis=-1)
+    filled = 0 if smooth is None else np.mean(smooth[1] ** 2) * np.sum(inverse[:, seen:] ** 2, axis=1)
+    return np.sqrt(np.sum(scores**2, axis=1) + filled)
+
+
+def _below(jacobian: Floats, rows: Floats) -> Floats:
+    """Return a Jacobian (…, k) as a matrix with further rows below."""
+    return np.concatenate([jacobian.reshape(-1, rows.shape[1]), rows])
 
 
 def instrumental(jacobian: Floats, instrument: Floats, least: float = 1e-12) -> Floats:

@@ -94,7 +94,8 @@ def color_at(textures: Textures, number: Array, chart: Chart | None, mark: Array
             rows, weights = found
         else:
             rows, weights = (jnp.where(here, a, b) for a, b in zip(found, (rows, weights), strict=True))
-    rows = take(layout.first, own) + rows
+    # Who has no texture reads the same few rows as all such, which are in the cache
+    rows = jnp.where(white, 0, take(layout.first, own) + rows)
     color = mix(take(textures.texels, rows), weights) if mark is None else read(textures.texels, rows, weights, mark)
     return jnp.where(white, 1, color)
 
