@@ -5,10 +5,11 @@
 Cost: a mesh, or the walls of a room, with a picture of 128x128 texels on it, a checker, or colours at its vertices,
 beside the same in one colour: ratios of CPU time a camera path in alternating pairs of one process.
 
-Fit: the 128x128 texels of a vase, by 1,000 steps of Adam, each a gradient of one sample a pixel in one of four views.
-jaxrt moves a pyramid, or the texels themselves as Mitsuba does, whose gradient is path replay's (prb). Each looks for
-what its own pictures show; PSNR is that of texels that have a pixel or more. CPU seconds are of all
-threads, without what compiles.
+Fit: the 128x128 texels of a vase, painted in one of two ways, from four views, by least squares as in
+examples/fit_texture.py, told after each round; and by 1,000 steps of Adam on the texels, each by one sample a
+pixel in one of the views, beside Mitsuba's on gradients of path replay (prb), with `--more` as many again at the last
+rate. Each looks for what its own pictures show, Adam at some rates, of which a star has the least loss; PSNR is that of
+texels that have a pixel or more. CPU seconds are of all threads, without what compiles.
 """
 
 import argparse
@@ -29,7 +30,10 @@ from benchmarks.processes import HERE, cpu_model, find_peer, flags, report_of, r
 from benchmarks.texture_task import TOLD
 
 SCENE = "scenes/vase.toml"
-RATES = {"pyramid": 0.05, "plain": 0.02}
+RATES = (0.01, 0.02, 0.05)  # of Adam
+KINDS = ("squares", "adam", "mitsuba")
+PAINTINGS = ("majolica", "wood")  # what the vase may be painted with
+TEXELS = 128
 SIZE, SPP, DEPTH = 96, 16, 3
 TEXTURES: dict[str, dict[str, Any]] = {
     "image": {"texels": np.random.default_rng(0).uniform(0.2, 0.8, (128, 128, 3))},
@@ -113,24 +117,43 @@ def visible() -> Any:
     return sum(np.asarray(pixels(jaxrt.parameters(view)[name], view))[..., 0] for view in views) >= 1
 
 
-def fits(python: str | None, kinds: list[str], steps: int, folder: str) -> Table:
-    """Return the PSNR along the way of each contender, and what the steps took."""
-    file = f"{folder}/visible.npy"
-    np.save(file, visible())
-    halves = {}
-    for kind in kinds:
-        command, plain = [SCENE, file, *flags(steps=steps, rate=RATES[kind])], ["--plain"] * (kind == "plain")
-        halves[f"jaxrt, {kind}"] = [sys.executable, "-m", "benchmarks.jaxrt_textures", *command, *plain]
-        if kind == "plain" and python:
-            halves["Mitsuba"] = [python, str(HERE / "mitsuba_textures.py"), *command]
-    table = Table(title=f"{SCENE}, {steps} steps: renders, and as many gradients")
-    tenths = range(steps // TOLD, steps + 1, steps // TOLD)
-    for column in ("PSNR, dB, after", *map(str, tenths), "CPU s", "wall s"):
-        table.add_column(column)
-    for name, command in halves.items():
-        report = report_of(run_child(command, folder))
-        table.add_row(name, *(f"{x:.1f}" for x in report["psnr"]), f"{report['cpu']:.0f}", f"{report['wall']:.0f}")
-    return table
+def fits(python: str | None, painting: str, options: argparse.Namespace, folder: str) -> list[Table]:
+    """Return the PSNR along the way of each contender, and what it took: of least squares, and of Adam."""
+    files = {"visible": visible(), "texels": texels_of(painting)}
+    for name, values in files.items():
+        np.save(f"{folder}/{name}.npy", values)
+    command = [SCENE, f"{folder}/visible.npy", *flags(steps=options.steps, more=options.more)]
+    command += [*flags(texels=f"{folder}/texels.npy"), "--rates", *map(str, options.rates)]
+    ours = [sys.executable, "-m", "benchmarks.jaxrt_textures", *command]
+    squares = Table(title=f"{SCENE}, {painting}: least squares")
+    for column in ("round", "gradients", "renders", "of one sample a pixel: PSNR, dB", "CPU s", "wall s"):
+        squares.add_column(column)
+    if "squares" in options.kinds:
+        for i, report in enumerate(report_of(run_child(ours, folder))["fits"][0]["rounds"]):
+            counts = str(report["gradients"]), str(report["renders"])
+            squares.add_row(str(i + 1), *counts, *(f"{report[key]:.1f}" for key in ("psnr", "cpu", "wall")))
+    descents = Table(title=f"{SCENE}, {painting}: Adam, a gradient of one sample a pixel a step")
+    tenths = [*range(options.steps // TOLD, options.steps + 1, options.steps // TOLD)]
+    tenths += [options.steps + options.more] * (options.more > 0)
+    for column in ("PSNR, dB, after", "rate", *map(str, tenths), "CPU s", "wall s"):
+        descents.add_column(column)
+    halves = {"jaxrt": [*ours, "--plain"]} if "adam" in options.kinds else {}
+    if python and "mitsuba" in options.kinds:
+        halves["Mitsuba"] = [python, str(HERE / "mitsuba_textures.py"), *command]
+    for name, half in halves.items():
+        reports = report_of(run_child(half, folder))["fits"]
+        best = min(report["loss"] for report in reports)
+        for report in reports:
+            row = [f"{report['rate']:g}{' *' * (report['loss'] == best)}", *(f"{x:.1f}" for x in report["psnr"])]
+            descents.add_row(name, *row, f"{report['cpu']:.0f}", f"{report['wall']:.0f}")
+    return [table for table in (squares, descents) if table.rows]
+
+
+def texels_of(painting: str) -> Any:
+    """Return the linear texels of a picture among the scenes, shrunk to those of the vase."""
+    texels = np.asarray(jaxrt.load_texture(f"scenes/{painting}.png")["texels"], float)
+    share = len(texels) // TEXELS
+    return texels.reshape(TEXELS, share, TEXELS, share, 3).mean((1, 3))
 
 
 def main() -> None:
@@ -139,9 +162,12 @@ def main() -> None:
     parser.add_argument("--cost", action="store_true", help="what textures cost alone")
     parser.add_argument("--fit", action="store_true", help="the recovery alone")
     parser.add_argument("--sorts", nargs="+", choices=TEXTURES, default=list(TEXTURES))
-    parser.add_argument("--kinds", nargs="+", choices=RATES, default=list(RATES), help="of fits")
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="of fits")
+    parser.add_argument("--rates", nargs="+", type=float, default=list(RATES), help="of Adam")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--steps", type=int, default=1000)
+    parser.add_argument("--more", type=int, default=0, help="steps after these, at the last one's rate")
+    parser.add_argument("--paintings", nargs="+", choices=PAINTINGS, default=list(PAINTINGS))
     parser.add_argument("--peer-python", help="python of Mitsuba; default: $JAXRT_MITSUBA_PYTHON")
     options, console = parser.parse_args(), wide_console()
     console.print(cpu_model())
@@ -151,7 +177,8 @@ def main() -> None:
         python, message = find_peer(options.peer_python)
         console.print(message)
         with tempfile.TemporaryDirectory() as folder:
-            console.print(fits(python, options.kinds, options.steps, folder))
+            for painting in options.paintings:
+                console.print(*fits(python, painting, options, folder))
 
 
 if __name__ == "__main__":
