@@ -13,8 +13,8 @@ import resource
 import statistics
 import sys
 import time
-import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +25,9 @@ def load(path: str, width: int | None, height: int | None) -> Any:
     """Return the scene of a file, with another picture size where one is given."""
     import jaxrt
 
-    if width is None and height is None:
-        return jaxrt.load_scene(path)
-    description = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    size = {"width": width, "height": height}
-    description["camera"] |= {name: value for name, value in size.items() if value is not None}
-    return jaxrt.build(description)
+    scene = jaxrt.load_scene(path)
+    size = {"width": width or scene.camera.width, "height": height or scene.camera.height}
+    return replace(scene, camera=replace(scene.camera, **size))
 
 
 def renderer(options: argparse.Namespace) -> tuple[Callable[[int], Any], int]:
