@@ -182,7 +182,7 @@ def test_standard_errors_are_those_of_uneven_noise_that_channels_share() -> None
     jacobian, sigma = np.repeat(rng.normal(size=(4000, 1, 3)), 3, axis=1), np.exp(0.5 * rng.normal(size=(4000, 1)))
     exact = np.sqrt(np.sum((np.linalg.pinv(jacobian[:, 0]) * sigma[:, 0]) ** 2, axis=1))
     noise = np.repeat(sigma * rng.normal(size=(4000, 1)), 3, axis=1)
-    np.testing.assert_allclose(standard_errors(jacobian, noise), exact, rtol=0.15)
+    np.testing.assert_allclose(standard_errors([noise], [jacobian]), exact, rtol=0.15)
 
 
 def test_a_png_target_is_linearised_and_its_white_left_out(tmp_path: Path) -> None:
