@@ -52,9 +52,9 @@ def bsdf_of(material, folder=Path()):
         index = {name: rgb(material[name]) for name in ("eta", "k")}
         inner = {"type": "roughconductor", **index, **facets}
     elif material["type"] == "plastic":
-        coat = {"int_ior": float(material["ior"]), "ext_ior": 1.0, "nonlinear": True}
+        coat = {"int_ior": float(material.get("ior", 1.5)), "ext_ior": 1.0, "nonlinear": True}
         coat["diffuse_reflectance"] = color_of(material["albedo"], folder)
-        smooth = material["roughness"] <= SMOOTHEST
+        smooth = material.get("roughness", 0.3) <= SMOOTHEST
         inner = {"type": "plastic", **coat} if smooth else {"type": "roughplastic", **coat, **facets}
     elif material["type"] == "mirror":
         albedo = color_of(material.get("albedo", 1.0), folder)
