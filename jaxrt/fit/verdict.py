@@ -1,10 +1,11 @@
 """What a fit's answer is worth: solved, stalled, ambiguous or noise-limited, and why.
 
-Judged on two fresh seeds a and b. Their difference tells the noise of the rendering. The product of their residuals at
-the same pixel adds up to what no sample explains: errors of the model and noise of the target; the product of
-neighbouring pixels to errors of the model alone, since noise has no neighbours.
+Judged on fresh seeds, of which two are a and b. Their difference tells the noise of the rendering. The product of
+their residuals at the same pixel adds up to what no sample explains: errors of the model and noise of the target; the
+product of neighbouring pixels to errors of the model alone, since noise has no neighbours.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -35,14 +36,19 @@ class Verdict(NamedTuple):
 
 
 def judge(
-    residuals: tuple[Floats, Floats], jacobians: tuple[Floats, Floats], labels: list[str], places: NDArray[np.bool_]
+    residuals: Sequence[Floats],
+    jacobians: Sequence[Floats],
+    labels: list[str],
+    places: NDArray[np.bool_],
+    sets: int,
 ) -> Verdict:
     """Return the verdict on an answer.
 
-    residuals: (height, width, 3) of two fresh seeds, in units in which the target's sum of squares is 1. jacobians:
-    (height, width, 3, k). labels: names of the k components; places: (k,) which of them are places.
+    residuals: (height, width, 3) of two fresh seeds or more, in units in which the target's sum of squares is 1.
+    jacobians: (height, width, 3, k) of the same. labels: names of the k components; places: (k,) which of them are
+    places. sets: of how many sets of samples the answer is the mean.
     """
-    a, b = residuals
+    a, b = residuals[:2]
     jacobian = jacobians[0]
     matrix = jacobian.reshape(-1, jacobian.shape[-1])
     loss, floor = float(np.mean([np.sum(a**2), np.sum(b**2)])), float(np.sum((a - b) ** 2) / 2)
@@ -56,7 +62,8 @@ def judge(
         for s, direction in zip(values, directions, strict=True)
         if s * AMBIGUOUS <= values[0]
     ]
-    errors = standard_errors(jacobian, a, jacobians[1]) if condition <= AMBIGUOUS else np.full(len(labels), np.inf)
+    known = condition <= AMBIGUOUS
+    errors = standard_errors(residuals, jacobians, sets) if known else np.full(len(labels), np.inf)
     slope = matrix.T @ a.ravel()
     gradient = float(np.max(np.abs(slope) / np.maximum(columns * np.linalg.norm(a), 1e-30)))
     explained = structured <= UNEXPLAINED or significance <= SIGNIFICANT
@@ -128,18 +135,26 @@ def _shares(direction: Floats, labels: list[str]) -> dict[str, float]:
     return {n: round(float(v), 3) for n, v in zip(labels, direction, strict=True) if abs(v) >= NAMED}
 
 
-def standard_errors(jacobian: Floats, residual: Floats, other: Floats | None = None) -> Floats:
-    """Return the standard errors (k,) of a least-squares answer, from J (..., c, k) and the residual (..., c) there.
+def standard_errors(residuals: Sequence[Floats], jacobians: Sequence[Floats], sets: int = 1) -> Floats:
+    """Return the standard errors (k,) of a least-squares answer, from residuals (..., c) and J (..., c, k) there.
+
+    residuals, jacobians: of n sets of samples that the answer was not made of. sets: of how many it was.
 
     The sandwich (JᵀJ)⁻¹ Jᵀ S J (JᵀJ)⁻¹ (White 1980), S = rrᵀ within each pixel: path-traced noise is not alike in all
     pixels, that of shadow edges, which place a light, is large; and the c channels of a pixel share their samples.
-    other: J of other samples. JᵀJ of one alone is too large by J's own noise, and the errors are too small.
+    JᵀJ of one set is too large by J's own noise, which makes errors too small: here each meets the J of the next.
+
+    Of the n steps that a pixel asks for, the mean has the variance T + R/n and the spread that of R: T is the target's
+    noise, R a set's. The answer's is T + R/sets, so that much is added. More sets make errors more certain, which few
+    pixels may tell: where a highlight of 4 tells a roughness, those of one set are off by a third.
     """
-    channels, k = jacobian.shape[-2:]
-    pairs = [(jacobian, jacobian)] if other is None else [(jacobian, other), (other, jacobian)]
-    inverse = np.mean([instrumental(*pair) for pair in pairs], axis=0)
-    scores = (inverse * residual.ravel()).reshape(k, -1, channels).sum(axis=-1)
-    return np.sqrt(np.sum(scores**2, axis=1))
+    n, (channels, k) = len(residuals), jacobians[0].shape[-2:]
+    steps = [instrumental(jacobians[i], jacobians[(i + 1) % n]) * residuals[i].ravel() for i in range(n)]
+    scores = np.stack([step.reshape(k, -1, channels).sum(axis=-1) for step in steps])
+    variance = np.mean(scores, axis=0) ** 2
+    if n > 1:
+        variance += np.var(scores, axis=0, ddof=1) * (1 / sets - 1 / n)
+    return np.sqrt(np.maximum(np.sum(variance, axis=1), 0))
 
 
 def instrumental(jacobian: Floats, instrument: Floats, least: float = 1e-12) -> Floats:

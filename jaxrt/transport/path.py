@@ -97,8 +97,12 @@ class Medium:
         """Return the absorption (3,) of what a ray goes through that leaves the surface: none outside of glass."""
         side = dot(self.point.shading, direction)
         crosses = self.clear & (side * dot(self.point.shading, self.wo) < 0)
-        here = jnp.where(self._is_from_inside, self.inside, self.absorption)
-        return jnp.where(crosses, jnp.where(side < 0, self.inside, 0), here)
+        return jnp.where(crosses, jnp.where(side < 0, self.inside, 0), self.here)
+
+    @property
+    def here(self) -> Array:
+        """The absorption (3,) of what the ray went through."""
+        return jnp.where(self._is_from_inside, self.inside, self.absorption)
 
     @property
     def _is_from_inside(self) -> Array:
