@@ -58,6 +58,7 @@ class Tables:
     lights: LightTable | None
     environment: Array | None  # (3,)
     first_light: int = static()  # sphere row of the first sphere light
+    sparse: bool = static(default=False)  # glossy surfaces cost nothing where there are none; no derivative backwards
 
     @property
     def dtype(self) -> Any:
@@ -185,7 +186,7 @@ def walk_along(tables: Tables, ray: Ray, specular: bool) -> Walk:
     """Return a path that begins with a ray. specular: whether that may see sphere lights, as the camera's rays may."""
     ones = jnp.ones_like(ray.origin)
     pdf = jnp.zeros_like(ones[0]) if tables.materials.are_glossy else None
-    alive = jnp.ones((), bool) if tables.geometry.has_tree else None
+    alive = jnp.ones((), bool) if tables.geometry.has_tree or tables.sparse else None
     absorption = jnp.zeros_like(ones) if tables.materials.absorb else None
     return Walk(ray, ones, jnp.zeros_like(ones), jnp.full((), specular), pdf, alive, absorption)
 
@@ -207,7 +208,8 @@ def event_at(
         walk = replace(walk, throughput=walk.throughput * jnp.where(hit.valid, medium.passed(), 1))
     walk = _see(tables, walk, hit)
     choice = checkpoint_name((u[2], u[3]), _KEPT)
-    scattering = in_stages(scatter)(tables.materials, point, wo, choice)
+    live = hit.valid & walk.alive if tables.sparse and walk.alive is not None else None
+    scattering = in_stages(scatter)(tables.materials, point, wo, choice, live)
     gathered = walk.radiance
     # Sample direct light
     if tables.lights is not None and tables.materials.are_lit:
@@ -221,6 +223,8 @@ def event_at(
     # A sphere light, whose material comes last, ends it as well as nothing does
     alive = None if walk.alive is None else hit.valid & (point.material < tables.materials.ends[2])
     absorption = None if medium is None else medium.beyond(scattering.direction)
+    if tables.sparse and alive is not None:
+        alive &= jnp.any(throughput != 0)
     ray = once(leave)(point, scattering.direction)
     return Walk(ray, throughput, gathered, scattering.specular, pdf, alive, absorption)
 
@@ -246,7 +250,7 @@ def _direct(
     cosine = dot(face_forward(point.shading, wo), sample.direction)
     faced, glossy = cosine > 0, cosine
     if scattering.glossy is not None:
-        glossy = in_stages(partial(_glossy, attached))(tables, point, wo, sample)
+        glossy = in_stages(partial(_glossy, attached))(tables, point, wo, sample, wanted if tables.sparse else None)
         faced = jnp.where(scattering.glossy, jnp.any(glossy > 0), faced)
     crowd = tables.lights.pick is not None and tables.lights.lights.have_size
     skip = tables.first_light + sample.light if crowd else None
@@ -265,12 +269,14 @@ def _direct(
     return direct
 
 
-def _glossy(attached: bool, tables: Tables, point: SurfacePoint, wo: Array, sample: LightSample) -> Array:
+def _glossy(
+    attached: bool, tables: Tables, point: SurfacePoint, wo: Array, sample: LightSample, live: Array | None
+) -> Array:
     """Return f cosθ (3,) of a light sample at a glossy surface, times its share in finding the light.
 
     Scattered rays find sphere lights and skies too. Both ways are weighed by their densities (Veach 1997, §9.2.2).
     """
-    value, pdf = evaluate(tables.materials, point, wo, sample.direction)
+    value, pdf = evaluate(tables.materials, point, wo, sample.direction, live)
     assert tables.lights is not None
     if attached or not (tables.lights.lights.have_size or shines_from_afar(tables.lights)):
         return value

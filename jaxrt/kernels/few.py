@@ -1,0 +1,75 @@
+"""Work that few lanes of a packet need, done for those alone.
+
+A `where` computes what it chooses from for all lanes. Here the lanes that need it are gone through one by one, so that
+a packet costs what its own lanes ask for: less, as long as these are fewer than one of the numbers that a CPU computes
+at once.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+from jax.custom_batching import custom_vmap
+
+from jaxrt.kernels.native import in_native, in_stages
+
+
+def where_needed(f: Callable[..., Any], needed: Array, *operands: Any) -> Any:
+    """Return f(*operands) where () bool `needed`, else zeros.
+
+    In a native kernel without derivative backwards, where the number of turns of the loop would have to be known.
+    """
+    if not in_native():
+        return _chosen(f, needed, *operands)
+    chosen = custom_vmap(partial(_chosen, f))
+
+    @chosen.def_vmap
+    def rule(size: int, batched: Any, needed: Array, *operands: Any) -> Any:
+        flags = jax.tree.leaves(batched[1:])
+        if batched[0]:
+            found = _one_by_one(f, flags, needed, operands)
+        else:
+            axes = jax.tree.map(lambda flag: 0 if flag else None, tuple(batched))
+            found = jax.vmap(partial(_chosen, f), in_axes=axes, axis_size=size)(needed, *operands)
+        return found, jax.tree.map(lambda _: True, found)
+
+    return chosen(needed, *operands)
+
+
+def _chosen(f: Callable[..., Any], needed: Array, *operands: Any) -> Any:
+    return jax.tree.map(lambda x: jnp.where(needed, x, 0), f(*operands))
+
+
+def _one_by_one(f: Callable[..., Any], flags: list[bool], needed: Array, operands: Any) -> Any:
+    """Return the results of all lanes. flags: of what each lane has of its own, leaf by leaf of the operands."""
+    leaves, structure = jax.tree.flatten(operands)
+
+    def one(lane: Array) -> Any:
+        own = [_row(x, lane) if flag else x for x, flag in zip(leaves, flags, strict=True)]
+        return in_stages(f)(*jax.tree.unflatten(structure, own))
+
+    def put(k: Array, results: Any) -> Any:
+        lane = lanes[k]
+        return jax.tree.map(lambda all_, x: lax.dynamic_update_slice_in_dim(all_, x[None], lane, 0), results, one(lane))
+
+    lanes, count = _listed(needed)
+    shapes = jax.eval_shape(one, jnp.int32(0))
+    nothing = jax.tree.map(lambda x: jnp.zeros((needed.size, *x.shape), x.dtype), shapes)
+    return lax.fori_loop(0, count, put, nothing)
+
+
+def _listed(needed: Array) -> tuple[Array, Array]:
+    """Return the numbers of the lanes that need it, one after the other, and their count."""
+
+    def add(lane: Array, state: tuple[Array, Array]) -> tuple[Array, Array]:
+        lanes, count = state
+        return lax.dynamic_update_slice(lanes, lane[None], (count,)), count + needed[lane].astype(jnp.int32)
+
+    return lax.fori_loop(0, needed.size, add, (jnp.zeros(needed.size, jnp.int32), jnp.int32(0)))
+
+
+def _row(x: Array, i: Array) -> Array:
+    return lax.dynamic_index_in_dim(x, i, keepdims=False, allow_negative_indices=False)
