@@ -16,6 +16,8 @@ from jax.custom_batching import custom_vmap
 
 from jaxrt.kernels.native import in_native, in_stages
 
+WORD = 32  # lanes whose needs are the bits of one integer
+
 
 def where_needed(f: Callable[..., Any], needed: Array, *operands: Any) -> Any:
     """Return f(*operands) where () bool `needed`, else zeros.
@@ -51,24 +53,29 @@ def _one_by_one(f: Callable[..., Any], flags: list[bool], needed: Array, operand
         own = [_row(x, lane) if flag else x for x, flag in zip(leaves, flags, strict=True)]
         return in_stages(f)(*jax.tree.unflatten(structure, own))
 
-    def put(k: Array, results: Any) -> Any:
-        lane = lanes[k]
-        return jax.tree.map(lambda all_, x: lax.dynamic_update_slice_in_dim(all_, x[None], lane, 0), results, one(lane))
+    def of_word(word: Array, results: Any) -> Any:
+        def put(state: tuple[Array, Any]) -> tuple[Array, Any]:
+            bits, results = state
+            lane = WORD * word + 31 - lax.clz(bits & -bits)
+            found = jax.tree.map(partial(_put, lane), results, one(lane))
+            return bits & (bits - 1), found
 
-    lanes, count = _listed(needed)
+        return lax.while_loop(lambda state: state[0] != 0, put, (_row(words, word), results))[1]
+
+    words = _words(needed)
     shapes = jax.eval_shape(one, jnp.int32(0))
     nothing = jax.tree.map(lambda x: jnp.zeros((needed.size, *x.shape), x.dtype), shapes)
-    return lax.fori_loop(0, count, put, nothing)
+    return lax.fori_loop(0, words.size, of_word, nothing)
 
 
-def _listed(needed: Array) -> tuple[Array, Array]:
-    """Return the numbers of the lanes that need it, one after the other, and their count."""
+def _words(needed: Array) -> Array:
+    """Return booleans as the bits of integers."""
+    rows = jnp.pad(needed, (0, -needed.size % WORD)).reshape(-1, WORD)
+    return jnp.sum(jnp.where(rows, 1 << lax.iota(jnp.int32, WORD), 0), 1, dtype=jnp.int32)
 
-    def add(lane: Array, state: tuple[Array, Array]) -> tuple[Array, Array]:
-        lanes, count = state
-        return lax.dynamic_update_slice(lanes, lane[None], (count,)), count + needed[lane].astype(jnp.int32)
 
-    return lax.fori_loop(0, needed.size, add, (jnp.zeros(needed.size, jnp.int32), jnp.int32(0)))
+def _put(i: Array, rows: Array, row: Array) -> Array:
+    return lax.dynamic_update_slice_in_dim(rows, row[None], i, 0, allow_negative_indices=False)
 
 
 def _row(x: Array, i: Array) -> Array:
