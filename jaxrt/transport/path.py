@@ -18,6 +18,7 @@ from jaxrt.cameras import View, view_of
 from jaxrt.core.maths import FAR, dot, face_forward, safe_divide
 from jaxrt.core.pytree import dtype_of, pytree, static
 from jaxrt.core.records import Hit, LightSample, Ray, SurfacePoint
+from jaxrt.kernels.few import where_needed
 from jaxrt.kernels.native import in_stages, once
 from jaxrt.lights import (
     LightTable,
@@ -280,8 +281,21 @@ def _glossy(
     assert tables.lights is not None
     if attached or not (tables.lights.lights.have_size or shines_from_afar(tables.lights)):
         return value
-    density = light_density(tables.lights, sample.light, point.position, sample.direction)
-    return value * jnp.where(density > 0, safe_divide(density, density + pdf), 1)
+    if live is not None:
+        share = where_needed(_light_share, pdf > 0, tables.lights, sample.light, point.position, sample.direction, pdf)
+        return value * share
+    return value * _light_share(tables.lights, sample.light, point.position, sample.direction, pdf)
+
+
+def _light_share(lights: LightTable, light: Array, point: Array, direction: Array, pdf: Array) -> Array:
+    """Return the share () of light samples in finding a light in a direction that scattered rays have with density `pdf`."""
+    density = light_density(lights, light, point, direction)
+    return jnp.where(density > 0, safe_divide(density, density + pdf), 1)
+
+
+def _ray_share(lights: LightTable, light: Array, point: Array, direction: Array, pdf: Array) -> Array:
+    """Return the share () of scattered rays."""
+    return safe_divide(pdf, pdf + light_density(lights, light, point, direction))
 
 
 def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
@@ -303,8 +317,12 @@ def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
         shining = once(emitted_radiance)(lights, jnp.clip(light, 0, n - 1), walk.ray.origin)
         seen = jnp.where(hit_light & walk.specular, shining, seen)
         if walk.pdf is not None:
-            density = in_stages(light_density)(tables.lights, light, walk.ray.origin, walk.ray.direction)
-            seen = jnp.where(hit_light & (walk.pdf > 0), shining * safe_divide(walk.pdf, walk.pdf + density), seen)
+            met, way = hit_light & (walk.pdf > 0), (walk.ray.origin, walk.ray.direction, walk.pdf)
+            if tables.sparse:
+                share = where_needed(_ray_share, met, tables.lights, light, *way)
+            else:
+                share = in_stages(_ray_share)(tables.lights, light, *way)
+            seen = jnp.where(met, shining * share, seen)
     return replace(walk, radiance=walk.radiance + walk.throughput * seen)
 
 
