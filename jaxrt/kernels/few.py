@@ -41,6 +41,33 @@ def where_needed(f: Callable[..., Any], needed: Array, *operands: Any) -> Any:
     return chosen(needed, *operands)
 
 
+def where_any_needs(f: Callable[..., Any], needed: Array, otherwise: Any, *operands: Any) -> Any:
+    """Return f(*operands), or `otherwise` in packets of which no lane has () bool `needed`.
+
+    No derivative backwards either. Outside of a native kernel f(*operands).
+    """
+    if not in_native():
+        return f(*operands)
+
+    @custom_vmap
+    def one(needed: Array, otherwise: Any, *operands: Any) -> Any:
+        return lax.cond(needed, lambda _, *operands: f(*operands), lambda otherwise, *_: otherwise, otherwise, *operands)
+
+    @one.def_vmap
+    def rule(size: int, batched: Any, needed: Array, otherwise: Any, *operands: Any) -> Any:
+        axes = jax.tree.map(lambda flag: 0 if flag else None, tuple(batched[2:]))
+        all_ = jax.vmap(f, in_axes=axes, axis_size=size)
+        otherwise = jax.tree.map(
+            lambda x, flag: x if flag else jnp.broadcast_to(x, (size, *x.shape)), otherwise, batched[1]
+        )
+        found = lax.cond(
+            jnp.any(needed), lambda _, *operands: all_(*operands), lambda otherwise, *_: otherwise, otherwise, *operands
+        )
+        return found, jax.tree.map(lambda _: True, found)
+
+    return one(needed, otherwise, *operands)
+
+
 def _chosen(f: Callable[..., Any], needed: Array, *operands: Any) -> Any:
     return jax.tree.map(lambda x: jnp.where(needed, x, 0), f(*operands))
 

@@ -18,7 +18,7 @@ from jaxrt.cameras import View, view_of
 from jaxrt.core.maths import FAR, dot, face_forward, safe_divide
 from jaxrt.core.pytree import dtype_of, pytree, static
 from jaxrt.core.records import Hit, LightSample, Ray, SurfacePoint
-from jaxrt.kernels.few import where_needed
+from jaxrt.kernels.few import where_any_needs, where_needed
 from jaxrt.kernels.native import in_stages, once
 from jaxrt.lights import (
     LightTable,
@@ -172,9 +172,13 @@ def radiance(
         @partial(jax.checkpoint, policy=jax.checkpoint_policies.save_only_these_names(_KEPT), prevent_cse=False)
         def event(walk: Walk, one: tuple[Array, Array | None]) -> tuple[Walk, None]:
             k, mark = one
+            if tables.sparse:
+                return where_any_needs(partial(_event, attached=False), walk.alive, walk, tables, walk, numbers(k)), None
             return _event(marked(tables, mark), walk, numbers(k), attached), None
 
         walk, _ = lax.scan(event, walk, (jnp.arange(1, max_depth + 1), marks))
+    if tables.sparse:
+        return where_any_needs(last_look, walk.alive, walk.radiance, tables, walk)
     return last_look(tables, walk)
 
 
