@@ -1,8 +1,8 @@
-"""Work that few lanes of a packet need, done for those alone.
+"""What few lanes of a packet need, computed for those alone, and what none needs not at all.
 
-A `where` computes what it chooses from for all lanes. Here the lanes that need it are gone through one by one, so that
-a packet costs what its own lanes ask for: less, as long as these are fewer than one of the numbers that a CPU computes
-at once.
+A `where` computes what it chooses from for all lanes. Here those that need it are gone through one by one, so that a
+packet costs what its own lanes ask for: less, while these are fewer than one in as many as a CPU computes at once. Both
+functions are for native kernels without derivative backwards, which would have to know how often a loop turns.
 """
 
 from collections.abc import Callable
@@ -20,10 +20,7 @@ WORD = 32  # lanes whose needs are the bits of one integer
 
 
 def where_needed(f: Callable[..., Any], needed: Array, *operands: Any) -> Any:
-    """Return f(*operands) where () bool `needed`, else zeros.
-
-    In a native kernel without derivative backwards, where the number of turns of the loop would have to be known.
-    """
+    """Return f(*operands) where () bool `needed`, else zeros."""
     if not in_native():
         return _chosen(f, needed, *operands)
     chosen = custom_vmap(partial(_chosen, f))
@@ -31,12 +28,8 @@ def where_needed(f: Callable[..., Any], needed: Array, *operands: Any) -> Any:
     @chosen.def_vmap
     def rule(size: int, batched: Any, needed: Array, *operands: Any) -> Any:
         flags = jax.tree.leaves(batched[1:])
-        if batched[0]:
-            found = _one_by_one(f, flags, needed, operands)
-        else:
-            axes = jax.tree.map(lambda flag: 0 if flag else None, tuple(batched))
-            found = jax.vmap(partial(_chosen, f), in_axes=axes, axis_size=size)(needed, *operands)
-        return found, jax.tree.map(lambda _: True, found)
+        needs = jnp.broadcast_to(needed, (size,))
+        return _every(lambda: _one_by_one(f, flags, needs, operands))
 
     return chosen(needed, *operands)
 
@@ -44,28 +37,29 @@ def where_needed(f: Callable[..., Any], needed: Array, *operands: Any) -> Any:
 def where_any_needs(f: Callable[..., Any], needed: Array, otherwise: Any, *operands: Any) -> Any:
     """Return f(*operands), or `otherwise` in packets of which no lane has () bool `needed`.
 
-    No derivative backwards either. Outside of a native kernel f(*operands).
+    Outside of a native kernel f(*operands).
     """
     if not in_native():
         return f(*operands)
 
     @custom_vmap
     def one(needed: Array, otherwise: Any, *operands: Any) -> Any:
-        return lax.cond(needed, lambda _, *operands: f(*operands), lambda otherwise, *_: otherwise, otherwise, *operands)
+        return lax.cond(needed, lambda: f(*operands), lambda: otherwise)
 
     @one.def_vmap
     def rule(size: int, batched: Any, needed: Array, otherwise: Any, *operands: Any) -> Any:
-        axes = jax.tree.map(lambda flag: 0 if flag else None, tuple(batched[2:]))
-        all_ = jax.vmap(f, in_axes=axes, axis_size=size)
-        otherwise = jax.tree.map(
-            lambda x, flag: x if flag else jnp.broadcast_to(x, (size, *x.shape)), otherwise, batched[1]
-        )
-        found = lax.cond(
-            jnp.any(needed), lambda _, *operands: all_(*operands), lambda otherwise, *_: otherwise, otherwise, *operands
-        )
-        return found, jax.tree.map(lambda _: True, found)
+        own, *rest = (jax.tree.map(lambda flag: 0 if flag else None, part) for part in batched[1:])
+        some = jax.vmap(f, in_axes=tuple(rest), axis_size=size)
+        none = jax.vmap(lambda otherwise: otherwise, in_axes=(own,), axis_size=size)
+        return _every(lambda: lax.cond(jnp.any(needed), lambda: some(*operands), lambda: none(otherwise)))
 
     return one(needed, otherwise, *operands)
+
+
+def _every(found: Callable[[], Any]) -> tuple[Any, Any]:
+    """Return results, and that each lane has its own of all of them."""
+    results = found()
+    return results, jax.tree.map(lambda _: True, results)
 
 
 def _chosen(f: Callable[..., Any], needed: Array, *operands: Any) -> Any:

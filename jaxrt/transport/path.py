@@ -172,12 +172,14 @@ def radiance(
         @partial(jax.checkpoint, policy=jax.checkpoint_policies.save_only_these_names(_KEPT), prevent_cse=False)
         def event(walk: Walk, one: tuple[Array, Array | None]) -> tuple[Walk, None]:
             k, mark = one
-            if tables.sparse:
-                return where_any_needs(partial(_event, attached=False), walk.alive, walk, tables, walk, numbers(k)), None
+            if tables.sparse and walk.alive is not None:
+                return where_any_needs(
+                    partial(_event, attached=False), walk.alive, walk, tables, walk, numbers(k)
+                ), None
             return _event(marked(tables, mark), walk, numbers(k), attached), None
 
         walk, _ = lax.scan(event, walk, (jnp.arange(1, max_depth + 1), marks))
-    if tables.sparse:
+    if tables.sparse and walk.alive is not None:
         return where_any_needs(last_look, walk.alive, walk.radiance, tables, walk)
     return last_look(tables, walk)
 
@@ -213,7 +215,7 @@ def event_at(
         walk = replace(walk, throughput=walk.throughput * jnp.where(hit.valid, medium.passed(), 1))
     walk = _see(tables, walk, hit)
     choice = checkpoint_name((u[2], u[3]), _KEPT)
-    live = hit.valid & walk.alive if tables.sparse and walk.alive is not None else None
+    live = None if walk.alive is None or not tables.sparse else hit.valid & walk.alive
     scattering = in_stages(scatter)(tables.materials, point, wo, choice, live)
     gathered = walk.radiance
     # Sample direct light
@@ -279,6 +281,8 @@ def _glossy(
 ) -> Array:
     """Return f cosθ (3,) of a light sample at a glossy surface, times its share in finding the light.
 
+    live: as of `scatter`.
+
     Scattered rays find sphere lights and skies too. Both ways are weighed by their densities (Veach 1997, §9.2.2).
     """
     value, pdf = evaluate(tables.materials, point, wo, sample.direction, live)
@@ -292,13 +296,13 @@ def _glossy(
 
 
 def _light_share(lights: LightTable, light: Array, point: Array, direction: Array, pdf: Array) -> Array:
-    """Return the share () of light samples in finding a light in a direction that scattered rays have with density `pdf`."""
+    """Return the share () of light samples in finding a light. pdf: density of scattered rays in its direction."""
     density = light_density(lights, light, point, direction)
     return jnp.where(density > 0, safe_divide(density, density + pdf), 1)
 
 
 def _ray_share(lights: LightTable, light: Array, point: Array, direction: Array, pdf: Array) -> Array:
-    """Return the share () of scattered rays."""
+    """Return the share () of scattered rays, of which one has found it."""
     return safe_divide(pdf, pdf + light_density(lights, light, point, direction))
 
 
