@@ -8,14 +8,14 @@ The cold start is measured on the command line program itself, `jaxrt render`.
 
 import argparse
 import json
+import math
 import os
 import resource
 import statistics
 import sys
 import time
-import tomllib
 from collections.abc import Callable
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,12 +25,9 @@ def load(path: str, width: int | None, height: int | None) -> Any:
     """Return the scene of a file, with another picture size where one is given."""
     import jaxrt
 
-    if width is None and height is None:
-        return jaxrt.load_scene(path)
-    description = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    size = {"width": width, "height": height}
-    description["camera"] |= {name: value for name, value in size.items() if value is not None}
-    return jaxrt.build(description)
+    scene = jaxrt.load_scene(path)
+    size = {"width": width or scene.camera.width, "height": height or scene.camera.height}
+    return replace(scene, camera=replace(scene.camera, **size))
 
 
 def renderer(options: argparse.Namespace) -> tuple[Callable[[int], Any], int]:
@@ -84,6 +81,41 @@ def use_separable_masking() -> None:
 
     correlated = facets.facets
     conductor.facets = rough_glass.facets = separable
+    use_rough_passages()
+
+
+def use_rough_passages() -> None:
+    """Let light into plastic and out of it as facets refract it once, which peers do: for comparisons alone.
+
+    Of what is rougher than the smoothest, and of an index of 1.5.
+    """
+    import jax.numpy as jnp
+
+    from benchmarks.passages import STEPS, tables
+    from jaxrt.kernels.gather import take
+    from jaxrt.materials.facets import SMOOTHEST
+    from jaxrt.materials.plastic import Plastic
+
+    smooth = Plastic.facts
+
+    def facts(self: Any, o: Any, i: Any) -> Any:
+        passed, thrown_back = tables(1.5)
+        (coat, beneath, inner), pdf = smooth(self, o, i)
+        row = jnp.round(self.roughness * STEPS).astype(jnp.int32)
+
+        def passage(cos: Any) -> Any:
+            place = jnp.clip(cos, 0, 1) * passed.shape[1]
+            cell = jnp.minimum(place.astype(jnp.int32), passed.shape[1] - 1)
+            low, rise = take(jnp.asarray(passed.reshape(-1, 2), jnp.float32), row * passed.shape[1] + cell)
+            return low + rise * (place - cell)
+
+        even = jnp.maximum(i[2], 0) / math.pi
+        through = passage(o[2]) * passage(i[2]) / (self.ior * self.ior) * even
+        (back,) = take(jnp.asarray(thrown_back[:, None], jnp.float32), row)
+        rough = self.roughness > SMOOTHEST
+        return (coat, jnp.where(rough, through, beneath), jnp.where(rough, back, inner)), pdf
+
+    Plastic.facts = facts  # type: ignore[method-assign]
 
 
 def use_cores(cores: int) -> None:

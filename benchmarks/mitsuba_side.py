@@ -23,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
+SMOOTHEST = 0.05  # roughness of jaxrt's facets; a plastic of that has a smooth coat here
 NO_ROULETTE = 1_000_000  # depth at which Russian roulette may begin: never reached
 
 
@@ -50,6 +51,11 @@ def bsdf_of(material, folder=Path()):
     if material["type"] == "conductor":
         index = {name: rgb(material[name]) for name in ("eta", "k")}
         inner = {"type": "roughconductor", **index, **facets}
+    elif material["type"] == "plastic":
+        coat = {"int_ior": float(material.get("ior", 1.5)), "ext_ior": 1.0, "nonlinear": True}
+        coat["diffuse_reflectance"] = color_of(material["albedo"], folder)
+        smooth = material.get("roughness", 0.3) <= SMOOTHEST
+        inner = {"type": "plastic", **coat} if smooth else {"type": "roughplastic", **coat, **facets}
     elif material["type"] == "mirror":
         albedo = color_of(material.get("albedo", 1.0), folder)
         inner = {"type": "conductor", "material": "none", "specular_reflectance": albedo}

@@ -191,6 +191,7 @@ MOVES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("move", MOVES)
 def test_what_moves_under_a_sky_and_in_indirect_light(move):
     name, direction = MOVES[move]
@@ -273,6 +274,7 @@ def check_trail(scene, image, numbers, names):
     return turns
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick_compilation")
 @pytest.mark.parametrize("image", [(5.5, 9.0), (11.0, 8.0), (8.0, 14.0)], ids=["ball", "box", "floor"])
 def test_a_trail_is_what_forward_derivatives_find(image):

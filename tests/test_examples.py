@@ -9,10 +9,14 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted(p for p in (ROOT / "examples").glob("*.py") if p.name != "figure.py")
+SLOW = {"fit_camera", "fit_pose", "fit_sphere_light", "fit_texture", "mesh_scene"}
 
 
 @pytest.mark.usefixtures("quick_compilation")
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "example",
+    [pytest.param(p, marks=pytest.mark.slow if p.stem in SLOW else (), id=p.stem) for p in EXAMPLES],
+)
 def test_example(example: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In this process, which has loaded JAX already; as `python examples/NAME.py` finds its folder and its scenes."""
     monkeypatch.syspath_prepend(example.parent)

@@ -63,6 +63,7 @@ BALLS = {
 }
 SCENES = {"specular": SPECULAR, "triangles": TRIANGLES, "balls": BALLS}
 EDGES = {"specular": 0, "triangles": 1024, "balls": 1024}
+SLOW = {"triangles": pytest.mark.slow}
 NAMES = {
     "specular": [
         "lights.position",
@@ -99,6 +100,11 @@ NAMES = {
 }
 
 
+def cases(names):
+    """Return parameters of a test: each name of each scene."""
+    return [pytest.param(kind, name, marks=SLOW.get(kind, ())) for kind in names for name in names[kind]]
+
+
 @cache
 def scene_of(kind):
     with warnings.catch_warnings():
@@ -126,7 +132,7 @@ def all_at_once(kind, values):
     return both_ways(kind, values, jax.tree.map(jnp.ones_like, values), jnp.ones((48, 64, 3), jnp.float32))
 
 
-@pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind, names in NAMES.items() for name in names])
+@pytest.mark.parametrize(("kind", "name"), cases(NAMES))
 def test_forward_is_the_transpose_of_reverse(figures, kind, name):
     """⟨w, J v⟩ = ⟨Jᵀ w, v⟩ to 1e-5 of the sum of magnitudes, in a picture that is not square, edges included."""
     values = jaxrt.parameters(scene_of(kind))
@@ -211,7 +217,7 @@ HORRORS = {
 }
 
 
-@pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind, cases in HORRORS.items() for name in cases])
+@pytest.mark.parametrize(("kind", "name"), cases(HORRORS))
 def test_horrors_have_finite_derivatives(figures, kind, name):
     """With respect to every parameter, forwards and backwards, edges included."""
     values = jaxrt.parameters(scene_of(kind))
@@ -248,7 +254,7 @@ def changes_of(draw, kind):
     }
 
 
-@pytest.mark.parametrize("kind", SCENES)
+@pytest.mark.parametrize("kind", [pytest.param(kind, marks=SLOW.get(kind, ())) for kind in SCENES])
 def test_fuzzed_values_have_finite_derivatives(kind):
     """15 draws a scene, the same in every run."""
 

@@ -10,6 +10,7 @@ import pytest
 from jax import Array, lax
 
 import jaxrt
+from jaxrt.kernels.few import where_needed
 from jaxrt.kernels.native import LARGE, fold_packets, in_stages, map_packets, once
 
 pytestmark = pytest.mark.quick
@@ -41,6 +42,29 @@ def test_unused_operands_are_harmless(f: Callable[..., Array]) -> None:
     # jaxlib 0.10.1 aborts the process when a tagged call's operand turns out to be unused
     out = jax.jit(lambda o, n: map_packets(f, o, n))(OPERANDS, jnp.arange(2, dtype=jnp.int32))
     assert out.shape[0] == 2
+
+
+@pytest.mark.parametrize("needed", [[], [0], [3, 4, 63], range(64)])
+def test_what_few_lanes_need_is_computed_for_those(needed: list[int]) -> None:
+    wanted = np.isin(np.arange(64), needed)
+
+    def shared(scale: Array, x: tuple[Array, Array]) -> tuple[Array, Array]:
+        return scale * x[0] + x[1][0], x[1] * lax.while_loop(lambda y: y < 3, lambda y: 2 * y, x[0] + 1)
+
+    def packet(operands: tuple[Array, Array], packet: Array) -> tuple[Array, Array]:
+        lane = jnp.arange(64, dtype=jnp.float32) * packet.astype(jnp.float32)
+        rows = lane, jnp.stack([lane, -lane], -1)
+        return jax.vmap(lambda few, x: where_needed(shared, few, operands[0][0], x))(operands[1], rows)
+
+    operands = jnp.array([2.0]), jnp.asarray(wanted)
+    program = jax.jit(lambda o, n: map_packets(packet, o, n))
+    rows, pairs = program(operands, jnp.arange(3, dtype=jnp.int32))
+    lane = np.arange(64) * np.arange(3)[:, None]
+    above = (lane + 1) * 2.0 ** np.maximum(np.ceil(np.log2(3 / (lane + 1))), 0)
+    np.testing.assert_array_equal(rows, np.where(wanted, 3 * lane, 0))
+    np.testing.assert_array_equal(pairs, np.where(wanted, above * lane, 0)[..., None] * [1, -1])
+    # By as many turns of a loop as lanes need it
+    assert "dynamic_update_slice" in str(program.trace(operands, jnp.arange(3, dtype=jnp.int32)).jaxpr)
 
 
 def test_empty_operands_beside_large_ones_are_harmless() -> None:

@@ -104,6 +104,7 @@ def test_both_show_the_same_picture():
     assert np.sqrt(np.mean((mirror[:, ::-1] - direct) ** 2) / np.mean(direct**2)) < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("move", MOVES)
 def test_edges_move_as_they_do_without(move):
     truth, found = slopes("direct")[move], slopes("mirror")[move]

@@ -23,6 +23,7 @@ from jaxrt.boundary.shadows import (
     bins_for,
     carrier_past,
     light_point,
+    setting_out,
     shadow_weights,
     vertex,
 )
@@ -248,7 +249,7 @@ def _followed(plan: Plan, operands: CausticTables, draw: Draw, light: Grazing) -
     """Return what light brings to the picture by mirrors and glass, and the constants of its clearance."""
     tables, rim = operands.tables, light.rim
     events = jnp.arange(plan.max_depth, dtype=jnp.int32)
-    _, vertices = lax.scan(partial(vertex, tables, draw, True), light.carrier, events)
+    _, vertices = lax.scan(partial(vertex, tables, draw, True), setting_out(tables, light.carrier), events)
     skimming = jnp.where((events < plan.max_depth - 1)[:, None], light.skimming[None], 0)
     vertices = replace(vertices, weight=vertices.weight * (1 - skimming))
     measure = jnp.sum(vertices.weight)

@@ -33,11 +33,11 @@ from jaxrt.core.sampling import (
 from jaxrt.filters import Filter
 from jaxrt.kernels.native import in_stages, once
 from jaxrt.lights import Lights, LightTable, casters_of, intensity_toward
-from jaxrt.materials import Scattering, evaluate, scatter
+from jaxrt.materials import Scattering, absorption_of, evaluate, scatter
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, leave, occluded, surface_point
 from jaxrt.transport.outputs import Output
-from jaxrt.transport.path import Tables, tables_of
+from jaxrt.transport.path import Medium, Tables, tables_of
 
 NUDGE = 1e-4  # of the distance to the outline: rays pass it at this distance, since grazing ones may go either way
 BEYOND = 1e-3  # a receiver is farther than the outline by this share of its distance
@@ -88,6 +88,7 @@ class Carrier:
     least: Array  # () distance that it has to travel
     flux: Array  # (3,)
     aside: Array  # (3,) towards the shadow, as a share of the distance to where the camera is to see it; 0: on its edge
+    absorption: Array | None = None  # (3,) of what it goes through, as far as is known; None where nothing absorbs
 
 
 def shadow_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
@@ -147,7 +148,7 @@ def _sample(plan: Plan, bins: int, operands: ShadowTables, draw: Draw) -> tuple[
     rim = once(partial(rim_at, creases=False))(outlines, row, t, source.position)
     source = _shone(tables.lights.lights, light, source, rim)
     density = placed.density * bins * draw.total
-    carrier = once(carrier_past)(source, rim, density)
+    carrier = setting_out(tables, once(carrier_past)(source, rim, density))
     # Follow its light
     walk = partial(vertex, tables, draw, False)
     _, vertices = lax.scan(walk, carrier, jnp.arange(plan.max_depth, dtype=jnp.int32))
@@ -230,6 +231,11 @@ def carrier_past(source: LightPoint, rim: Rim, density: Array) -> Carrier:
     return Carrier(*rays, rim.distance * (1 + BEYOND), flux, -NUDGE * rim.normal)
 
 
+def setting_out(tables: Tables, carrier: Carrier) -> Carrier:
+    """Return light that sets out outside of glass, as far as is known."""
+    return replace(carrier, absorption=jnp.zeros_like(carrier.flux)) if tables.materials.absorb else carrier
+
+
 def vertex(tables: Tables, draw: Draw, bent: bool, carrier: Carrier, k: Array) -> tuple[Carrier, Vertex]:
     """Return the light one surface on, and the vertex there. k: () its number, from 0.
 
@@ -239,10 +245,15 @@ def vertex(tables: Tables, draw: Draw, bent: bool, carrier: Carrier, k: Array) -
     point = once(surface_point)(tables.geometry, carrier.ray, hit)
     travelled = dot(point.position - carrier.ray.origin, carrier.ray.direction)
     arrived = hit.valid & (travelled > carrier.least)
-    wo = -carrier.ray.direction
+    wo, medium = -carrier.ray.direction, None
+    arriving = carrier.flux * _tilt(point, wo)
+    if carrier.absorption is not None:
+        medium = Medium(carrier.absorption, point, wo, *absorption_of(tables.materials, point))
+        arriving = arriving * jnp.exp(-medium.here * jnp.where(arrived, travelled, 0))
+        # Materials would count what the way to the camera loses
+        point = replace(point, travelled=None)
     _, _, *u = (x.astype(wo.dtype) for x in independent(draw.stream, k + 1))
     scattering = in_stages(scatter)(tables.materials, point, wo, (u[0], u[1]))
-    arriving = carrier.flux * _tilt(point, wo)
     passes = arrived & ((scattering.specular if bent else scattering.lit) | (k > 0))
     # Show it to the camera
     view, share = once(_connect)(tables, point, face_forward(point.shading, wo), travelled * carrier.aside)
@@ -252,7 +263,8 @@ def vertex(tables: Tables, draw: Draw, bent: bool, carrier: Carrier, k: Array) -
     leaving = safe_divide(jnp.ones_like(arriving), _tilt(point, scattering.direction) * jnp.ones_like(arriving))
     flux = jnp.where(passes, arriving * leaving * _power_kept(tables, point, wo, scattering), 0)
     ray = once(leave)(point, scattering.direction)
-    onward = Carrier(ray, ray, jnp.zeros_like(carrier.least), flux, jnp.zeros_like(flux))
+    beyond = None if medium is None else medium.beyond(scattering.direction)
+    onward = Carrier(ray, ray, jnp.zeros_like(carrier.least), flux, jnp.zeros_like(flux), beyond)
     return onward, Vertex(point, hit.index, view, pixel, weight)
 
 
@@ -265,8 +277,10 @@ def _toward_camera(
         sent = arriving * scattering.albedo * (share / jnp.pi)
     if scattering.glossy is None:
         return sent
-    eye = normalize(tables.camera.eye(point.position) - point.position)
-    value = in_stages(evaluate)(tables.materials, point, eye, wo)[0]
+    away = tables.camera.eye(point.position) - point.position
+    if tables.materials.absorb:
+        point = replace(point, travelled=safe_sqrt(dot(away, away)))
+    value = in_stages(evaluate)(tables.materials, point, normalize(away), wo)[0]
     cosine = jnp.abs(dot(point.shading, wo)) * jnp.ones_like(value)
     return jnp.where(scattering.glossy, arriving * safe_divide(value, cosine) * share, sent)
 
@@ -274,16 +288,25 @@ def _toward_camera(
 def _power_kept(tables: Tables, point: SurfacePoint, wo: Array, scattering: Scattering) -> Array:
     """Return the share (3,) of the light from `wo` that goes on, over the density of its direction.
 
-    Radiance changes by the square of the index, power does not: the weights of both ways, of which one brings what the
-    other takes, have its square for a product (Veach 1997, §5.2).
+    Radiance changes by the square of the index, power does not. Of single directions, the weights of both ways, of
+    which one brings what the other takes, have its square for a product; else what is scattered the other way tells it
+    (Veach 1997, §5.2).
     """
-    if not any(kind.is_delta and kind.transmits for kind in tables.materials.kinds):
-        return scattering.weight
-    through = dot(point.shading, wo) * dot(point.shading, scattering.direction) < 0
+    weight, direction = scattering.weight, scattering.direction
+    clear = [kind for kind in tables.materials.kinds if kind.transmits]
+    if any(not kind.is_delta for kind in clear):
+        assert scattering.glossy is not None
+        there, back = (
+            in_stages(evaluate)(tables.materials, point, *ways)[0] for ways in ((wo, direction), (direction, wo))
+        )
+        turned = safe_divide(jnp.abs(dot(point.shading, direction)), jnp.abs(dot(point.shading, wo)))
+        weight = jnp.where(scattering.glossy, weight * turned * safe_divide(back, there), weight)
+    if all(not kind.is_delta for kind in clear):
+        return weight
+    through = dot(point.shading, wo) * dot(point.shading, direction) < 0
     lobe = jnp.where(through, LAST, 0).astype(wo.dtype)
-    back = in_stages(scatter)(tables.materials, point, scattering.direction, (lobe, lobe)).weight
-    squared = jnp.where(scattering.specular, scattering.weight * back, 1)
-    return jnp.where(scattering.specular, safe_sqrt(squared), scattering.weight)
+    squared = scattering.weight * in_stages(scatter)(tables.materials, point, direction, (lobe, lobe)).weight
+    return jnp.where(scattering.specular, safe_sqrt(jnp.where(scattering.specular, squared, 1)), weight)
 
 
 def _tilt(point: SurfacePoint, direction: Array) -> Array:

@@ -1,10 +1,11 @@
 """What a fit's answer is worth: solved, stalled, ambiguous or noise-limited, and why.
 
-Judged on two fresh seeds a and b. Their difference tells the noise of the rendering. The product of their residuals at
-the same pixel adds up to what no sample explains: errors of the model and noise of the target; the product of
-neighbouring pixels to errors of the model alone, since noise has no neighbours.
+Judged on fresh seeds, of which two are a and b. Their difference tells the noise of the rendering. The product of
+their residuals at the same pixel adds up to what no sample explains: errors of the model and noise of the target; the
+product of neighbouring pixels to errors of the model alone, since noise has no neighbours.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -37,19 +38,20 @@ class Verdict(NamedTuple):
 
 
 def judge(
-    residuals: tuple[Floats, Floats],
-    jacobians: tuple[Floats, Floats],
+    residuals: Sequence[Floats],
+    jacobians: Sequence[Floats],
     labels: list[str],
     places: NDArray[np.bool_],
+    sets: int,
     smooth: Rows | None = None,
 ) -> Verdict:
     """Return the verdict on an answer.
 
-    residuals: (height, width, 3) of two fresh seeds, in units in which the target's sum of squares is 1. jacobians:
-    (height, width, 3, k). labels: names of the k components; places: (k,) which of them are places. smooth: what was to
-    be small besides.
+    residuals: (height, width, 3) of two fresh seeds or more, in units in which the target's sum of squares is 1.
+    jacobians: (height, width, 3, k) of the same. labels: names of the k components; places: (k,) which of them are
+    places. sets: of how many sets of samples the answer is the mean. smooth: what was to be small besides.
     """
-    a, b = residuals
+    a, b = residuals[:2]
     jacobian = jacobians[0]
     matrix = jacobian.reshape(-1, jacobian.shape[-1])
     loss, floor = float(np.mean([np.sum(a**2), np.sum(b**2)])), float(np.sum((a - b) ** 2) / 2)
@@ -68,7 +70,7 @@ def judge(
         if s * AMBIGUOUS <= values[0]
     ]
     known = condition <= AMBIGUOUS
-    errors = standard_errors(jacobian, a, jacobians[1], smooth) if known else np.full(len(labels), np.inf)
+    errors = standard_errors(residuals, jacobians, sets, smooth) if known else np.full(len(labels), np.inf)
     slope, sizes = rows.T @ left, np.linalg.norm(rows, axis=0)
     gradient = float(np.max(np.abs(slope) / np.maximum(sizes * np.linalg.norm(left), 1e-30)))
     explained = structured <= UNEXPLAINED or significance <= SIGNIFICANT
@@ -147,27 +149,34 @@ def _shares(direction: Floats, labels: list[str]) -> dict[str, float]:
 
 
 def standard_errors(
-    jacobian: Floats,
-    residual: Floats,
-    other: Floats | None = None,
-    smooth: Rows | None = None,
+    residuals: Sequence[Floats], jacobians: Sequence[Floats], sets: int = 1, smooth: Rows | None = None
 ) -> Floats:
-    """Return the standard errors (k,) of a least-squares answer, from J (..., c, k) and the residual (..., c) there.
+    """Return the standard errors (k,) of a least-squares answer, from residuals (..., c) and J (..., c, k) there.
+
+    residuals, jacobians: of n sets of samples that the answer was not made of. sets: of how many it was.
 
     The sandwich (JᵀJ)⁻¹ Jᵀ S J (JᵀJ)⁻¹ (White 1980), S = rrᵀ within each pixel: path-traced noise is not alike in all
     pixels, that of shadow edges, which place a light, is large; and the c channels of a pixel share their samples.
-    other: J of other samples. JᵀJ of one alone is too large by J's own noise, and the errors are too small.
+    JᵀJ of one set is too large by J's own noise, which makes errors too small: here each meets the J of the next.
+
+    Of the n steps that a pixel asks for, the mean has the variance T + R/n and the spread that of R: T is the target's
+    noise, R a set's. The answer's is T + R/sets, so that much is added. More sets make errors more certain, which few
+    pixels may tell: where a highlight of 4 tells a roughness, those of one set are off by a third.
+
     smooth: further residuals, of what was to be small besides. Of these S is the mean square of all: texels that no
     picture shows are as rough as the others, however smoothly they are filled.
     """
-    channels, k = jacobian.shape[-2:]
-    pairs = [(jacobian, jacobian)] if other is None else [(jacobian, other), (other, jacobian)]
+    n, (channels, k) = len(residuals), jacobians[0].shape[-2:]
     if smooth is not None:
-        pairs = [(_below(a, smooth[0]), _below(b, smooth[0])) for a, b in pairs]
-    inverse, seen = np.mean([instrumental(*pair) for pair in pairs], axis=0), residual.size
-    scores = (inverse[:, :seen] * residual.ravel()).reshape(k, -1, channels).sum(axis=-1)
-    filled = 0 if smooth is None else np.mean(smooth[1] ** 2) * np.sum(inverse[:, seen:] ** 2, axis=1)
-    return np.sqrt(np.sum(scores**2, axis=1) + filled)
+        jacobians = [_below(jacobian, smooth[0]) for jacobian in jacobians]
+    inverses, seen = [instrumental(jacobians[i], jacobians[(i + 1) % n]) for i in range(n)], residuals[0].size
+    steps = [inverse[:, :seen] * one.ravel() for inverse, one in zip(inverses, residuals, strict=True)]
+    scores = np.stack([step.reshape(k, -1, channels).sum(axis=-1) for step in steps])
+    variance = np.mean(scores, axis=0) ** 2
+    if n > 1:
+        variance += np.var(scores, axis=0, ddof=1) * (1 / sets - 1 / n)
+    filled = 0 if smooth is None else np.mean(smooth[1] ** 2) * np.sum(np.mean(inverses, 0)[:, seen:] ** 2, axis=1)
+    return np.sqrt(np.maximum(np.sum(variance, axis=1), 0) + filled)
 
 
 def _below(jacobian: Floats, rows: Floats) -> Floats:

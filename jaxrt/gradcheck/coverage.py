@@ -15,7 +15,7 @@ SUNK = "curves where lights are sunk into surfaces"
 SPECULAR = "edges that diffuse surfaces see in mirrors and through glass"
 BEHIND = "caustics and indirect shadows seen in mirrors and through glass"
 GLOSSY = "outlines that glossy surfaces see"
-TINTED = "the right weight of edges whose light passes through rough or tinted glass"
+TINTED = "the right weight of edges inside tinted glass, and of those whose light passes through rough glass"
 AFAR = "shadow edges of lights that are at no place"
 SCATTERED = "all edges: the camera's rays start at many places"
 

@@ -188,6 +188,11 @@ def in_stages(f: Callable[..., Result]) -> Callable[..., Result]:
     return lambda *operands: (stages(f) if _native.get() else f)(*operands)
 
 
+def in_native() -> bool:
+    """Return whether a native kernel is being traced."""
+    return _native.get()
+
+
 _native = ContextVar("_native", default=False)  # whether a native kernel is being traced
 
 

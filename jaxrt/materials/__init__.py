@@ -5,7 +5,9 @@ and those that light is sent to and scattered by alike, here called glossy. Rows
 kind or a group that the scene lacks, no code is there.
 """
 
+from collections.abc import Callable
 from dataclasses import fields, replace
+from functools import partial
 from itertools import accumulate
 from typing import Any
 
@@ -17,6 +19,7 @@ from jaxrt.core.maths import dot, safe_divide
 from jaxrt.core.pytree import dtype_of, pytree, with_fields
 from jaxrt.core.records import SurfacePoint
 from jaxrt.description.kinds import MATERIALS
+from jaxrt.kernels.few import where_needed
 from jaxrt.kernels.gather import take
 from jaxrt.materials.facets import Faceted
 from jaxrt.textures import Textures, painted
@@ -27,6 +30,7 @@ __all__ = ["Materials", "Scattering", "albedo_of", "evaluate", "scatter", "singl
 # One file each, numbered in this order
 MATERIALS.load("diffuse", "mirror", "glass", "conductor", "plastic", "rough_glass", "principled")
 _TEXTURES = "textures"
+Drawn = tuple[Array, ...]  # direction, weight, and where it has one its density
 
 
 class Materials:
@@ -118,32 +122,62 @@ class Scattering:
         return self.diffuse if self.glossy is None else self.diffuse | self.glossy
 
 
-def scatter(materials: Materials, surface: SurfacePoint, wo: Array, u: tuple[Array, Array]) -> Scattering:
+def scatter(
+    materials: Materials, surface: SurfacePoint, wo: Array, u: tuple[Array, Array], live: Array | None = None
+) -> Scattering:
     """Return the scattering at a surface; all weights are 0 at a sphere light, which absorbs.
 
-    wo: (3,) unit direction to where the path came from. Derivatives of a glossy kind's own parameters hold direction
+    wo: (3,) unit direction to where the path came from. live: () bool, without which glossy kinds scatter nothing, and
+    cost nothing; then without derivative backwards. Derivatives of a glossy kind's own parameters hold direction
     and density fixed, and are those of f; those of the surface move the direction with its normal.
     """
     row, normal, first = surface.material, surface.shading, 0
     direction, weight, albedo, pdf = normal, jnp.zeros_like(normal), None, None
     for kind, end in zip(materials.kinds, accumulate(materials.counts), strict=True):
-        one, here = _row(materials, kind, surface, first, end), _within(row, first, end)
-        if kind.is_lambertian:
-            own = jnp.where(here, one.albedo, 0)
-            albedo = own if albedo is None else albedo + own
-            one = replace(one, albedo=own)
+        here = _within(row, first, end)
         if kind.is_delta or kind.is_lambertian:
-            drawn = one.sample(surface, wo, u)
+            one = _row(materials, kind, surface, first, end)
+            if kind.is_lambertian:
+                own = jnp.where(here, one.albedo, 0)
+                albedo = own if albedo is None else albedo + own
+                one = replace(one, albedo=own)
+            drawn = _faded(one, surface, wo, *one.sample(surface, wo, u))
         else:
-            *drawn, density = _sample_glossy(one, surface, wo, u)
-            pdf = jnp.where(here, density, 0 if pdf is None else pdf)
-        if (left := transmittance(one, surface, wo)) is not None:
-            drawn = drawn[0], drawn[1] * left
+            here = here if live is None else here & live
+            drawn = _glossy(partial(_sampled, first, end), live, here, materials, kind, surface, wo, u)
+            pdf = jnp.where(here, drawn[2], 0 if pdf is None else pdf)
         direction, weight = drawn if kind.is_lambertian and first == 0 else _select(here, drawn, (direction, weight))
         first = end
     lambertian, delta, last = materials.ends
     glossy = None if pdf is None else (row >= delta) & (row < last)
     return Scattering(direction, weight, albedo, row < lambertian, (row >= lambertian) & (row < delta), glossy, pdf)
+
+
+def _glossy(f: Callable[..., Drawn], live: Array | None, here: Array, *operands: Any) -> Drawn:
+    """Return f(*operands), where it is told which are `live` of those alone that are `here`."""
+    return f(*operands) if live is None else where_needed(f, here, *operands)
+
+
+def _sampled(
+    first: int, end: int, materials: Materials, kind: Any, surface: SurfacePoint, wo: Array, u: tuple[Array, Array]
+) -> Drawn:
+    """Return direction, weight and density of the direction at a surface of a glossy kind."""
+    one = _row(materials, kind, surface, first, end)
+    return _faded(one, surface, wo, *_sample_glossy(one, surface, wo, u))
+
+
+def _evaluated(
+    first: int, end: int, materials: Materials, kind: Any, surface: SurfacePoint, wo: Array, wi: Array
+) -> Drawn:
+    """Return f cosθ of a direction, and its pdf, at a surface of a glossy kind."""
+    one = _row(materials, kind, surface, first, end, again=True)
+    return _faded(one, surface, wo, wi, *one.evaluate(surface, wo, wi))[1:]
+
+
+def _faded(one: Any, surface: SurfacePoint, wo: Array, direction: Array, light: Array, *pdf: Array) -> Drawn:
+    """Return what is told of a direction, with what the material's inside leaves of the light."""
+    left = transmittance(one, surface, wo)
+    return direction, light if left is None else light * left, *pdf
 
 
 def _sample_glossy(one: Any, surface: SurfacePoint, wo: Array, u: tuple[Array, Array]) -> tuple[Array, Array, Array]:
@@ -160,16 +194,19 @@ def _sample_glossy(one: Any, surface: SurfacePoint, wo: Array, u: tuple[Array, A
     return direction, weight + change, pdf
 
 
-def evaluate(materials: Materials, surface: SurfacePoint, wo: Array, wi: Array) -> tuple[Array, Array]:
-    """Return (f cosθ (3,), pdf ()) of a direction at a glossy surface; 0 at others. The pdf has no derivative."""
+def evaluate(
+    materials: Materials, surface: SurfacePoint, wo: Array, wi: Array, live: Array | None = None
+) -> tuple[Array, Array]:
+    """Return (f cosθ (3,), pdf ()) of a direction at a glossy surface; 0 at others. The pdf has no derivative.
+
+    live: as of `scatter`.
+    """
     value, pdf, first = jnp.zeros_like(wo), jnp.zeros_like(wo[0]), 0
     for kind, end in zip(materials.kinds, accumulate(materials.counts), strict=True):
         if not (kind.is_delta or kind.is_lambertian):
             here = _within(surface.material, first, end)
-            one = _row(materials, kind, surface, first, end, again=True)
-            found = one.evaluate(surface, wo, wi)
-            if (left := transmittance(one, surface, wo)) is not None:
-                found = found[0] * left, found[1]
+            here = here if live is None else here & live
+            found = _glossy(partial(_evaluated, first, end), live, here, materials, kind, surface, wo, wi)
             value, pdf = jnp.where(here, found[0], value), jnp.where(here, lax.stop_gradient(found[1]), pdf)
         first = end
     return value, pdf

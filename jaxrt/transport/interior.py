@@ -7,6 +7,7 @@ the transpose of the other.
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -248,6 +249,8 @@ def _backwards(plan: Plan, shapes: Shapes) -> Plan:
 def _packet_sum(plan: Plan, operands: tuple[Tables, Run], packet: Array) -> Array:
     """Return the sums of the packet's samples in parts (lanes, channels, 3): within blocks rounded, of blocks exact."""
     tables, run = operands
+    # No derivative passes here
+    tables = replace(tables, sparse=tables.materials.are_glossy and is_native(plan))
     nothing = jnp.zeros((plan.lanes, plan.channels), tables.dtype)
 
     def add_sample(sample: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:

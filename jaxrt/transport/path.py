@@ -18,6 +18,7 @@ from jaxrt.cameras import View, view_of
 from jaxrt.core.maths import FAR, dot, face_forward, safe_divide
 from jaxrt.core.pytree import dtype_of, pytree, static
 from jaxrt.core.records import Hit, LightSample, Ray, SurfacePoint
+from jaxrt.kernels.few import where_any_needs, where_needed
 from jaxrt.kernels.native import in_stages, once
 from jaxrt.lights import (
     LightTable,
@@ -58,6 +59,7 @@ class Tables:
     lights: LightTable | None
     environment: Array | None  # (3,)
     first_light: int = static()  # sphere row of the first sphere light
+    sparse: bool = static(default=False)  # glossy surfaces cost nothing where there are none; no derivative backwards
 
     @property
     def dtype(self) -> Any:
@@ -97,8 +99,12 @@ class Medium:
         """Return the absorption (3,) of what a ray goes through that leaves the surface: none outside of glass."""
         side = dot(self.point.shading, direction)
         crosses = self.clear & (side * dot(self.point.shading, self.wo) < 0)
-        here = jnp.where(self._is_from_inside, self.inside, self.absorption)
-        return jnp.where(crosses, jnp.where(side < 0, self.inside, 0), here)
+        return jnp.where(crosses, jnp.where(side < 0, self.inside, 0), self.here)
+
+    @property
+    def here(self) -> Array:
+        """The absorption (3,) of what the ray went through."""
+        return jnp.where(self._is_from_inside, self.inside, self.absorption)
 
     @property
     def _is_from_inside(self) -> Array:
@@ -170,9 +176,15 @@ def radiance(
         @partial(jax.checkpoint, policy=jax.checkpoint_policies.save_only_these_names(_KEPT), prevent_cse=False)
         def event(walk: Walk, one: tuple[Array, Array | None]) -> tuple[Walk, None]:
             k, mark = one
+            if tables.sparse and walk.alive is not None:
+                return where_any_needs(
+                    partial(_event, attached=False), walk.alive, walk, tables, walk, numbers(k)
+                ), None
             return _event(marked(tables, mark), walk, numbers(k), attached), None
 
         walk, _ = lax.scan(event, walk, (jnp.arange(1, max_depth + 1), marks))
+    if tables.sparse and walk.alive is not None:
+        return where_any_needs(last_look, walk.alive, walk.radiance, tables, walk)
     return last_look(tables, walk)
 
 
@@ -185,7 +197,7 @@ def walk_along(tables: Tables, ray: Ray, specular: bool) -> Walk:
     """Return a path that begins with a ray. specular: whether that may see sphere lights, as the camera's rays may."""
     ones = jnp.ones_like(ray.origin)
     pdf = jnp.zeros_like(ones[0]) if tables.materials.are_glossy else None
-    alive = jnp.ones((), bool) if tables.geometry.has_tree else None
+    alive = jnp.ones((), bool) if tables.geometry.has_tree or tables.sparse else None
     absorption = jnp.zeros_like(ones) if tables.materials.absorb else None
     return Walk(ray, ones, jnp.zeros_like(ones), jnp.full((), specular), pdf, alive, absorption)
 
@@ -207,7 +219,8 @@ def event_at(
         walk = replace(walk, throughput=walk.throughput * jnp.where(hit.valid, medium.passed(), 1))
     walk = _see(tables, walk, hit)
     choice = checkpoint_name((u[2], u[3]), _KEPT)
-    scattering = in_stages(scatter)(tables.materials, point, wo, choice)
+    live = None if walk.alive is None or not tables.sparse else hit.valid & walk.alive
+    scattering = in_stages(scatter)(tables.materials, point, wo, choice, live)
     gathered = walk.radiance
     # Sample direct light
     if tables.lights is not None and tables.materials.are_lit:
@@ -221,6 +234,8 @@ def event_at(
     # A sphere light, whose material comes last, ends it as well as nothing does
     alive = None if walk.alive is None else hit.valid & (point.material < tables.materials.ends[2])
     absorption = None if medium is None else medium.beyond(scattering.direction)
+    if tables.sparse and alive is not None:
+        alive &= jnp.any(throughput != 0)
     ray = once(leave)(point, scattering.direction)
     return Walk(ray, throughput, gathered, scattering.specular, pdf, alive, absorption)
 
@@ -246,7 +261,7 @@ def _direct(
     cosine = dot(face_forward(point.shading, wo), sample.direction)
     faced, glossy = cosine > 0, cosine
     if scattering.glossy is not None:
-        glossy = in_stages(partial(_glossy, attached))(tables, point, wo, sample)
+        glossy = in_stages(partial(_glossy, attached))(tables, point, wo, sample, wanted if tables.sparse else None)
         faced = jnp.where(scattering.glossy, jnp.any(glossy > 0), faced)
     crowd = tables.lights.pick is not None and tables.lights.lights.have_size
     skip = tables.first_light + sample.light if crowd else None
@@ -265,17 +280,34 @@ def _direct(
     return direct
 
 
-def _glossy(attached: bool, tables: Tables, point: SurfacePoint, wo: Array, sample: LightSample) -> Array:
+def _glossy(
+    attached: bool, tables: Tables, point: SurfacePoint, wo: Array, sample: LightSample, live: Array | None
+) -> Array:
     """Return f cosθ (3,) of a light sample at a glossy surface, times its share in finding the light.
+
+    live: as of `scatter`.
 
     Scattered rays find sphere lights and skies too. Both ways are weighed by their densities (Veach 1997, §9.2.2).
     """
-    value, pdf = evaluate(tables.materials, point, wo, sample.direction)
+    value, pdf = evaluate(tables.materials, point, wo, sample.direction, live)
     assert tables.lights is not None
     if attached or not (tables.lights.lights.have_size or shines_from_afar(tables.lights)):
         return value
-    density = light_density(tables.lights, sample.light, point.position, sample.direction)
-    return value * jnp.where(density > 0, safe_divide(density, density + pdf), 1)
+    if live is not None:
+        share = where_needed(_light_share, pdf > 0, tables.lights, sample.light, point.position, sample.direction, pdf)
+        return value * share
+    return value * _light_share(tables.lights, sample.light, point.position, sample.direction, pdf)
+
+
+def _light_share(lights: LightTable, light: Array, point: Array, direction: Array, pdf: Array) -> Array:
+    """Return the share () of light samples in finding a light. pdf: density of scattered rays in its direction."""
+    density = light_density(lights, light, point, direction)
+    return jnp.where(density > 0, safe_divide(density, density + pdf), 1)
+
+
+def _ray_share(lights: LightTable, light: Array, point: Array, direction: Array, pdf: Array) -> Array:
+    """Return the share () of scattered rays, of which one has found it."""
+    return safe_divide(pdf, pdf + light_density(lights, light, point, direction))
 
 
 def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
@@ -297,8 +329,12 @@ def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
         shining = once(emitted_radiance)(lights, jnp.clip(light, 0, n - 1), walk.ray.origin)
         seen = jnp.where(hit_light & walk.specular, shining, seen)
         if walk.pdf is not None:
-            density = in_stages(light_density)(tables.lights, light, walk.ray.origin, walk.ray.direction)
-            seen = jnp.where(hit_light & (walk.pdf > 0), shining * safe_divide(walk.pdf, walk.pdf + density), seen)
+            met, way = hit_light & (walk.pdf > 0), (walk.ray.origin, walk.ray.direction, walk.pdf)
+            if tables.sparse:
+                share = where_needed(_ray_share, met, tables.lights, light, *way)
+            else:
+                share = in_stages(_ray_share)(tables.lights, light, *way)
+            seen = jnp.where(met, shining * share, seen)
     return replace(walk, radiance=walk.radiance + walk.throughput * seen)
 
 

@@ -207,6 +207,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "report: only for the page of --stability-report")
     page = config.getoption("--stability-report")
+    if page:
+        config.option.markexpr = ""  # slow tests too
     if page and not hasattr(config, "workerinput"):
         config.pluginmanager.register(Report(Path(page).absolute()))
 

@@ -222,7 +222,7 @@ def test_a13_slopes_of_a_fit_come_with_their_noise(figures, position: Machine, s
         residual, jacobian = machine.evaluate(machine.start, seed, Drawing(SPP))
         matrix = jacobian.reshape(-1, 3)
         moves.append(np.linalg.lstsq(matrix, residual.ravel(), rcond=None)[0])
-        errors.append(standard_errors(jacobian, residual))
+        errors.append(standard_errors([residual], [jacobian]))
         alike.append(np.sqrt(np.mean(residual**2) * np.diag(np.linalg.inv(matrix.T @ matrix))))
     scatter = np.std(moves, axis=0, ddof=1)
     bad, off = (abs(np.sqrt(np.mean(np.square(x), axis=0)) / scatter - 1) for x in (alike, errors))
@@ -260,7 +260,7 @@ def test_standard_errors_are_the_scatter_over_64_seeds(position: Machine) -> Non
             residual, jacobian = position.evaluate(vector, seed, Drawing(SPP))
             matrix = jacobian.reshape(-1, 3)
             vector = vector - np.linalg.lstsq(matrix, residual.ravel(), rcond=None)[0]
-        verdict = judge((residual, residual), (jacobian, jacobian), list("xyz"), np.ones(3, bool))
+        verdict = judge((residual, residual), (jacobian, jacobian), list("xyz"), np.ones(3, bool), sets=1)
         found.append(vector)
         errors.append(verdict.errors)
     scatter = np.std(found, axis=0, ddof=1)

@@ -1,0 +1,103 @@
+"""What few lanes of a packet need, computed for those alone, and what none needs not at all.
+
+A `where` computes what it chooses from for all lanes. Here those that need it are gone through one by one, so that a
+packet costs what its own lanes ask for: less, while these are fewer than one in as many as a CPU computes at once. Both
+functions are for native kernels without derivative backwards, which would have to know how often a loop turns.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+from jax.custom_batching import custom_vmap
+
+from jaxrt.kernels.native import in_native, in_stages
+
+WORD = 32  # lanes whose needs are the bits of one integer
+
+
+def where_needed(f: Callable[..., Any], needed: Array, *operands: Any) -> Any:
+    """Return f(*operands) where () bool `needed`, else zeros."""
+    if not in_native():
+        return _chosen(f, needed, *operands)
+    chosen = custom_vmap(partial(_chosen, f))
+
+    @chosen.def_vmap
+    def rule(size: int, batched: Any, needed: Array, *operands: Any) -> Any:
+        flags = jax.tree.leaves(batched[1:])
+        needs = jnp.broadcast_to(needed, (size,))
+        return _every(lambda: _one_by_one(f, flags, needs, operands))
+
+    return chosen(needed, *operands)
+
+
+def where_any_needs(f: Callable[..., Any], needed: Array, otherwise: Any, *operands: Any) -> Any:
+    """Return f(*operands), or `otherwise` in packets of which no lane has () bool `needed`.
+
+    Outside of a native kernel f(*operands).
+    """
+    if not in_native():
+        return f(*operands)
+
+    @custom_vmap
+    def one(needed: Array, otherwise: Any, *operands: Any) -> Any:
+        return lax.cond(needed, lambda: f(*operands), lambda: otherwise)
+
+    @one.def_vmap
+    def rule(size: int, batched: Any, needed: Array, otherwise: Any, *operands: Any) -> Any:
+        own, *rest = (jax.tree.map(lambda flag: 0 if flag else None, part) for part in batched[1:])
+        some = jax.vmap(f, in_axes=tuple(rest), axis_size=size)
+        none = jax.vmap(lambda otherwise: otherwise, in_axes=(own,), axis_size=size)
+        return _every(lambda: lax.cond(jnp.any(needed), lambda: some(*operands), lambda: none(otherwise)))
+
+    return one(needed, otherwise, *operands)
+
+
+def _every(found: Callable[[], Any]) -> tuple[Any, Any]:
+    """Return results, and that each lane has its own of all of them."""
+    results = found()
+    return results, jax.tree.map(lambda _: True, results)
+
+
+def _chosen(f: Callable[..., Any], needed: Array, *operands: Any) -> Any:
+    return jax.tree.map(lambda x: jnp.where(needed, x, 0), f(*operands))
+
+
+def _one_by_one(f: Callable[..., Any], flags: list[bool], needed: Array, operands: Any) -> Any:
+    """Return the results of all lanes. flags: of what each lane has of its own, leaf by leaf of the operands."""
+    leaves, structure = jax.tree.flatten(operands)
+
+    def one(lane: Array) -> Any:
+        own = [_row(x, lane) if flag else x for x, flag in zip(leaves, flags, strict=True)]
+        return in_stages(f)(*jax.tree.unflatten(structure, own))
+
+    def of_word(word: Array, results: Any) -> Any:
+        def put(state: tuple[Array, Any]) -> tuple[Array, Any]:
+            bits, results = state
+            lane = WORD * word + 31 - lax.clz(bits & -bits)
+            found = jax.tree.map(partial(_put, lane), results, one(lane))
+            return bits & (bits - 1), found
+
+        return lax.while_loop(lambda state: state[0] != 0, put, (_row(words, word), results))[1]
+
+    words = _words(needed)
+    shapes = jax.eval_shape(one, jnp.int32(0))
+    nothing = jax.tree.map(lambda x: jnp.zeros((needed.size, *x.shape), x.dtype), shapes)
+    return lax.fori_loop(0, words.size, of_word, nothing)
+
+
+def _words(needed: Array) -> Array:
+    """Return booleans as the bits of integers."""
+    rows = jnp.pad(needed, (0, -needed.size % WORD)).reshape(-1, WORD)
+    return jnp.sum(jnp.where(rows, 1 << lax.iota(jnp.int32, WORD), 0), 1, dtype=jnp.int32)
+
+
+def _put(i: Array, rows: Array, row: Array) -> Array:
+    return lax.dynamic_update_slice_in_dim(rows, row[None], i, 0, allow_negative_indices=False)
+
+
+def _row(x: Array, i: Array) -> Array:
+    return lax.dynamic_index_in_dim(x, i, keepdims=False, allow_negative_indices=False)

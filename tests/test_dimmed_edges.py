@@ -1,0 +1,77 @@
+"""Light that is followed from lamps on, through glass that dims it or scatters it: its power, by closed forms."""
+
+from functools import partial
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+import jaxrt
+from jaxrt.boundary.shadows import Carrier, _power_kept, setting_out, vertex
+from jaxrt.core.records import Ray, SurfacePoint
+from jaxrt.core.samplers import Stream
+from jaxrt.materials import Materials, scatter
+from jaxrt.materials.rough_glass import RoughGlass
+from jaxrt.transport.path import tables_of
+
+TINT, RADIUS = np.array([0.2, 0.7, 1.5]), 0.6
+N = 20_000
+
+
+def tables(absorption, inner):
+    """Return what lies below a lamp: a ball of glass that does not bend light, in it another thing, and a floor."""
+    return tables_of(
+        jaxrt.build(
+            {
+                "camera": {"position": [3, 2, 0], "target": [0, 0, 0], "fov": 20, "width": 4, "height": 4},
+                "materials": {
+                    "white": {"type": "diffuse", "albedo": [0.8] * 3},
+                    "outer": {"type": "glass", "ior": 1, "absorption": absorption},
+                    "clear": {"type": "glass", "ior": 1, "absorption": inner},
+                },
+                "spheres": [
+                    {"center": [0, -1000, 0], "radius": 1000, "material": "white"},
+                    {"center": [0, 1.2, 0], "radius": RADIUS, "material": "outer"},
+                    {"center": [0, 1.2, 0], "radius": RADIUS / 2, "material": "clear"},
+                ],
+                "lights": [{"position": [0, 5, 0], "intensity": [10] * 3, "radius": 0.1}],
+            }
+        )
+    )
+
+
+@jax.jit
+def arriving(tables):
+    """Return what the floor shows of light that falls straight through the balls' middle."""
+    down = Ray(jnp.asarray([0.0, 4.0, 0.0]), jnp.asarray([0.0, -1.0, 0.0]))
+    zero, draw = jnp.zeros(3), SimpleNamespace(stream=Stream(*(jnp.uint32(i) for i in range(4))))
+    carrier = setting_out(tables, Carrier(down, down, jnp.zeros(()), jnp.ones(3), zero))
+    return lax.scan(partial(vertex, tables, draw, True), carrier, jnp.arange(5, dtype=jnp.int32))[1].weight
+
+
+def test_light_fades_on_its_way_from_a_lamp(quick_compilation):
+    """In a ball, and in one within it of another tint."""
+    inner = np.array([0.9, 0.1, 0.4])
+    pairs = ([0.0] * 3, [0.0] * 3), (TINT.tolist(), inner.tolist())
+    clear, dim = (np.asarray(arriving(tables(*pair)), float) for pair in pairs)
+    assert np.all(clear[:4] == 0) and np.all(clear[4] > 0)
+    np.testing.assert_allclose(dim[4] / clear[4], np.exp(-RADIUS * (TINT + inner)), rtol=1e-4)
+
+
+def test_rough_glass_keeps_power(quick_compilation):
+    """Of radiance 1/2.25 comes in, and 2.25 times as much goes out; power stays, but for a little between facets."""
+    point = SurfacePoint(jnp.zeros(3), jnp.asarray([0.0, 0.0, 1.0]), jnp.zeros(()), jnp.int32(0))
+    rows = Materials.of(rough_glass=RoughGlass(jnp.full(1, 1.5), jnp.full(1, 0.2), None))
+
+    @jax.jit
+    def kept(wo):
+        def one(u):
+            return _power_kept(SimpleNamespace(materials=rows), point, wo, scatter(rows, point, wo, (u[0], u[1])))
+
+        return jax.vmap(one)(jax.random.uniform(jax.random.key(0), (N, 2)))[:, 0]
+
+    for cos in (0.9, -0.9):
+        power = np.asarray(kept(jnp.asarray([np.sqrt(1 - cos * cos), 0, cos], jnp.float32)), float)
+        assert abs(power.mean() - 1) < 0.01 + 4 * power.std() / np.sqrt(N), (cos, power.mean())
