@@ -28,8 +28,8 @@ from jaxrt.fit import Fit, FitError, Machine, Problem, Progress, Step, descent, 
 from jaxrt.fit.command import told
 from jaxrt.fit.descent import Found, descend
 from jaxrt.fit.files import load_target, read_progress
-from jaxrt.fit.smooth import differences
 from jaxrt.fit.solve import Drawing, Look
+from jaxrt.fit.unknowns import differences
 from jaxrt.gradcheck.coverage import CROSSING, SPECULAR
 from jaxrt.kinds import Place, Positive, Ray, normalize
 from jaxrt.scene.selectors import parse_selector

@@ -17,10 +17,9 @@ from jaxrt.description import SceneWarning, show
 from jaxrt.fit.answer import Fit, answer_of
 from jaxrt.fit.descent import Progress, Step, descend
 from jaxrt.fit.lacks import missing_terms, warning_of
-from jaxrt.fit.smooth import differences
 from jaxrt.fit.solve import Machine, Problem
 from jaxrt.fit.targets import FitError, targets_of
-from jaxrt.fit.unknowns import Unknowns, all_rows, unknowns_of
+from jaxrt.fit.unknowns import Unknowns, all_rows, differences, unknowns_of
 from jaxrt.fit.verdict import Verdict, standard_errors
 from jaxrt.fit.views import check_views, tall
 from jaxrt.scene import Scene, check_scene

@@ -187,14 +187,14 @@ def _polish(machine: Machine, now: Progress, how: Drawing, seed: int) -> Progres
     such bias. A step counts if the product of two residuals, a loss without bias, falls.
     """
     seeds = _fresh(seed, 0), _fresh(seed, 1)
-    residuals, jacobians = _smooth_sets(machine, now.vector, how, seeds)
+    residuals, jacobians = _all_sets(machine, now.vector, how, seeds)
     loss = float(np.sum(residuals[0] * residuals[1]))
     for _ in range(POLISH):
-        moves = [instrumental(jacobians[i], jacobians[1 - i], TINY) @ residuals[i] for i in (0, 1)]
+        moves = [instrumental(jacobians[i], jacobians[1 - i], TINY) @ residuals[i].ravel() for i in (0, 1)]
         trial = (now.vector - np.mean(moves, axis=0)).astype(now.vector.dtype)
         if not np.abs(trial - now.vector).max() < LARGEST_MOVE:
             break
-        residuals, jacobians = _smooth_sets(machine, trial, how, seeds)
+        residuals, jacobians = _all_sets(machine, trial, how, seeds)
         gained = float(np.sum(residuals[0] * residuals[1]))
         if not gained < loss:
             break
@@ -216,13 +216,11 @@ def _sets(machine: Machine, vector: Vector, how: Drawing, seeds: Sequence[int]) 
     return [residual for residual, _ in found], [jacobian for _, jacobian in found]
 
 
-def _smooth_sets(
+def _all_sets(
     machine: Machine, vector: Vector, how: Drawing, seeds: Sequence[int]
 ) -> tuple[list[Floats], list[Floats]]:
-    """Return residuals (n,) and Jacobians (n, k) of some seeds, followed by what is to be small besides."""
-    found = [
-        machine.problem.with_smooth(*pair, vector) for pair in zip(*_sets(machine, vector, how, seeds), strict=True)
-    ]
+    """Return residuals and Jacobians of some seeds, with what is to be small besides."""
+    found = [machine.evaluate_all(vector, seed, how) for seed in seeds]
     return [residual for residual, _ in found], [jacobian for _, jacobian in found]
 
 

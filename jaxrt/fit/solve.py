@@ -217,6 +217,10 @@ class Machine:
         shape = self.problem.target.shape
         return residual.reshape(shape), jacobian.reshape(*shape, -1)
 
+    def evaluate_all(self, vector: Vector, seed: int, how: Drawing) -> tuple[Floats, Floats]:
+        """Return residual (n,) and Jacobian (n, k) as `evaluate` does, followed by what is to be small besides."""
+        return self.problem.with_smooth(*self.evaluate(vector, seed, how), vector)
+
 
 def _constants(problem: Problem) -> tuple[Any, ...]:
     """Return what a problem's program is given of it; all else of the problem is part of the program."""

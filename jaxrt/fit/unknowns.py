@@ -5,6 +5,7 @@ would lose its derivative at the bound. Places are counted in units of the scene
 component is of like weight for all; rotation vectors in radians.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -14,13 +15,15 @@ import numpy as np
 from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
-from jaxrt.description import SceneError
+from jaxrt.description import SceneError, show
+from jaxrt.fit.targets import FitError
 from jaxrt.lights import casters_of
 from jaxrt.scene import Scene, placed
-from jaxrt.scene.measures import has_rows, measure
+from jaxrt.scene.measures import TEXTURES, has_rows, measure
 from jaxrt.scene.names import rows_called
 from jaxrt.scene.parameters import parameters, with_parameters
 from jaxrt.scene.selectors import Selector
+from jaxrt.textures.neighbours import neighbours
 
 Floats = NDArray[np.float64]
 
@@ -185,3 +188,30 @@ def all_rows(texts: Sequence[str], scene: Scene) -> list[str]:
         numbers = range(values[name].shape[0])[rows] if isinstance(rows, slice) else ()
         out += [f"{name}[{i}]" for i in numbers] if len(numbers) > 1 else [text]
     return out
+
+
+def differences(scene: Scene, unknowns: Unknowns, smoothness: float | None) -> Floats | None:
+    """Return the matrix (n, k) from the unknowns' vector to weighted differences of neighbouring texels.
+
+    What no picture shows then goes on from around it; where pictures tell, they outweigh it. The sum of their squares
+    is the square of `smoothness` where they are 1 on average: a picture that is off by that share of its own size costs
+    as much. None without smoothness. Raises FitError for what is no such number, and where no picture is among the
+    unknowns.
+    """
+    if smoothness is None:
+        return None
+    if isinstance(smoothness, bool) or not isinstance(smoothness, int | float) or not 0 < smoothness < math.inf:
+        raise FitError(f"fit: smoothness is {show(smoothness)}: pass a number above 0, as 0.01, or none")
+    found, textures = [np.zeros((0, sum(row.size for row in unknowns.rows)))], scene.materials.textures
+    for row in unknowns.rows:
+        if row.selector.name.startswith(TEXTURES) and textures is not None:
+            pairs = neighbours(textures, row.selector.name.removeprefix(TEXTURES))
+            places = row.first + 3 * pairs[..., None] + np.arange(3)
+            own = np.zeros((places[:, 0].size, found[0].shape[1]))
+            first, second = (places[:, i].ravel() for i in (0, 1))
+            own[np.arange(len(own)), first], own[np.arange(len(own)), second] = 1, -1
+            found.append(own)
+    matrix = np.concatenate(found)
+    if not len(matrix):
+        raise FitError("fit: smoothness is of the texels of pictures, and none are sought: leave it out")
+    return matrix * (smoothness / len(matrix) ** 0.5)
