@@ -83,8 +83,8 @@ def test_readme_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pyt
     names: dict[str, Any] = {}
     exec(snippet, names)
     printed, (told,) = capsys.readouterr().out.splitlines(), blocks("README.md", "text")
-    assert [re.sub("[0-9.]+|[+-]", "", line) for line in printed] == [
-        re.sub("[0-9.]+|[+-]", "", line) for line in told.splitlines()
+    assert [re.sub("[0-9.]+(e-[0-9]+)?|[+-]", "", line) for line in printed] == [
+        re.sub("[0-9.]+(e-[0-9]+)?|[+-]", "", line) for line in told.splitlines()
     ]
     assert abs(names["answer"].values["lights.intensity[0]"] - 250).max() < 5
 
