@@ -104,11 +104,11 @@ class Problem:
         residual, jacobian = residual.ravel(), jacobian.reshape(-1, jacobian.shape[-1])
         if self.smooth is None:
             return residual, jacobian
-        return np.concatenate([residual, self.smooth @ vector]), np.concatenate([jacobian, self.smooth])
+        return np.concatenate([residual, np.dot(self.smooth, vector)]), np.concatenate([jacobian, self.smooth])
 
     def roughness(self, vector: Vector) -> float:
         """Return the sum of squares at a vector of what is to be small besides the picture's residual."""
-        return 0.0 if self.smooth is None else float(np.sum((self.smooth @ vector) ** 2))
+        return 0.0 if self.smooth is None else float(np.sum(np.dot(self.smooth, vector) ** 2))
 
 
 class Drawing(NamedTuple):
