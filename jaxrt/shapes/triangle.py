@@ -40,9 +40,7 @@ class Triangles:
     edges: MeshEdges | None = None  # for what moving edges add to derivatives
     smooth: Array | None = None  # (n, 3) int32, corners of one number share their normal; None: no mesh is smooth
     chart: FaceChart | None = None  # None where no texture asks
-    uv: Array | None = (
-        None  # (n, 3, 2) for who asks for the output of that name; None: the chart's, or shares of corners
-    )
+    uv: Array | None = None  # (n, 3, 2) for the output of that name; None: the chart's, or shares of corners
     wide: bool = static(default=False)  # some are far wider than other things of the scene are large
 
 
