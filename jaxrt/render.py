@@ -163,7 +163,7 @@ def render(
     options: Options = dict(max_depth=max_depth, sampler=sampler, unroll=unroll, tile=tile, devices=devices)
     options |= dict(window=window, pixels=pixels, filter=filter, filter_width=filter_width)
     gradient_key = key if gradient_key is None else gradient_key
-    first, of = (0, None) if samples is None else _samples(samples)
+    first, of = (0, None) if samples is None else _samples(samples, max(spp, gradient_spp))
 
     def drawn_as(outputs: tuple[Output, ...]) -> Array:
         plain, run, plan = prepare(scene, key, first, spp, of or spp, outputs=outputs, **options)
@@ -197,14 +197,17 @@ def _sized(scene: Scene, width: int | None, height: int | None) -> Scene:
     return replace(scene, camera=replace(scene.camera, width=columns, height=rows))
 
 
-def _samples(samples: tuple[int | Array, int]) -> tuple[int | Array, int]:
+def _samples(samples: tuple[int | Array, int], spp: int) -> tuple[int | Array, int]:
     """Return the number of the first sample, modulo that of all, and that."""
     if not isinstance(samples, tuple | list) or len(samples) != 2:
         raise ValueError(
             f"render: samples is {show(samples)}: pass the first and how many there are in all, as (0, 256)"
         )
     of = _count("samples", samples[1])
-    return samples[0] % of, of
+    first = samples[0] % of
+    if isinstance(first, int) and first + spp > of:
+        raise ValueError(f"render: samples is {show(samples)} and spp {spp}: there are not so many from {first} on")
+    return first, of
 
 
 def _count(name: str, value: int, least: int = 1) -> int:

@@ -141,6 +141,7 @@ def test_float64_scene(small_room: jaxrt.Scene) -> None:
         ({"max_depth": 0}, "max_depth is 0, want at least 1"),
         ({"samples": (0, 0)}, "samples is 0, want at least 1"),
         ({"samples": 4}, "samples is 4: pass the first and how many there are in all"),
+        ({"spp": 4, "samples": (6, 8)}, r"samples is \(6, 8\) and spp 4: there are not so many from 6 on"),
         ({"sampler": "sobel"}, "unknown sampler.*sobol"),
     ],
 )
