@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.custom_batching import custom_vmap
 
+from jaxrt.kernels.bits import each, mask
 from jaxrt.kernels.native import in_native, in_stages
 
 WORD = 32  # lanes whose needs are the bits of one integer
@@ -75,13 +76,11 @@ def _one_by_one(f: Callable[..., Any], flags: list[bool], needed: Array, operand
         return in_stages(f)(*jax.tree.unflatten(structure, own))
 
     def of_word(word: Array, results: Any) -> Any:
-        def put(state: tuple[Array, Any]) -> tuple[Array, Any]:
-            bits, results = state
-            lane = WORD * word + 31 - lax.clz(bits & -bits)
-            found = jax.tree.map(partial(_put, lane), results, one(lane))
-            return bits & (bits - 1), found
+        def put(bit: Array, results: Any) -> tuple[Any]:
+            lane = WORD * word + bit
+            return (jax.tree.map(partial(_put, lane), results, one(lane)),)
 
-        return lax.while_loop(lambda state: state[0] != 0, put, (_row(words, word), results))[1]
+        return each(put, _row(words, word), results)[0]
 
     words = _words(needed)
     shapes = jax.eval_shape(one, jnp.int32(0))
@@ -91,8 +90,7 @@ def _one_by_one(f: Callable[..., Any], flags: list[bool], needed: Array, operand
 
 def _words(needed: Array) -> Array:
     """Return booleans as the bits of integers."""
-    rows = jnp.pad(needed, (0, -needed.size % WORD)).reshape(-1, WORD)
-    return jnp.sum(jnp.where(rows, 1 << lax.iota(jnp.int32, WORD), 0), 1, dtype=jnp.int32)
+    return jax.vmap(mask)(jnp.pad(needed, (0, -needed.size % WORD)).reshape(-1, WORD))
 
 
 def _put(i: Array, rows: Array, row: Array) -> Array:

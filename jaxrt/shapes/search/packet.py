@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.core.maths import FAR, unit_roundoff
+from jaxrt.kernels.bits import each, mask
 from jaxrt.kernels.native import once
 from jaxrt.shapes.edges import along_axis
 from jaxrt.shapes.search.boxes import Tree
@@ -22,12 +23,10 @@ from jaxrt.shapes.search.order import floats, largest, least, most, smallest
 from jaxrt.shapes.search.walk import (
     TINY,
     closest,
-    each,
     face_of,
     leaf_at,
     leaf_boxes,
     leaf_distances,
-    mask,
     nonzero,
     part,
     places_of,

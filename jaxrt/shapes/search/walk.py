@@ -44,21 +44,6 @@ def put(all_: Array, row: Array, start: Array) -> Array:
     return lax.dynamic_update_slice(all_, row, (start,), allow_negative_indices=False)
 
 
-def mask(bits: Array) -> Array:
-    """Return booleans (n,) as the bits of one integer, n up to 32."""
-    return jnp.sum(jnp.where(bits, 1 << lax.iota(jnp.int32, bits.shape[0]), 0), dtype=jnp.int32)
-
-
-def each(one: Callable[..., tuple[Array, Array]], bits: Array, farthest: Array, face: Array) -> tuple[Array, Array]:
-    """Return (farthest, face) after one(number, farthest, face) for each bit that is set."""
-
-    def body(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        bits, *found = state
-        return bits & (bits - 1), *one(31 - lax.clz(bits & -bits), *found)
-
-    return lax.while_loop(lambda state: state[0] != 0, body, (bits, farthest, face))[1:]
-
-
 def node_at(tree: Tree, code: Array) -> Array:
     """Return where a node's words begin. Within bounds, which saves testing each read; unsigned, which saves half."""
     return jnp.minimum(code.astype(jnp.uint32), jnp.uint32((tree.nodes - 1) * NODE))

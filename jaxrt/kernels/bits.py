@@ -1,0 +1,22 @@
+"""Lanes of a packet, or faces of a leaf, as the bits of one integer, and a loop over those that are set."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+from jax import Array, lax
+
+
+def mask(bits: Array) -> Array:
+    """Return booleans (n,) as the bits of one integer, n up to 32."""
+    return jnp.sum(jnp.where(bits, 1 << lax.iota(jnp.int32, bits.shape[0]), 0), dtype=jnp.int32)
+
+
+def each(one: Callable[..., tuple[Any, ...]], bits: Array, *found: Any) -> tuple[Any, ...]:
+    """Return what is found after one(number, *found) for each bit that is set."""
+
+    def body(state: tuple[Any, ...]) -> tuple[Any, ...]:
+        bits, *found = state
+        return bits & (bits - 1), *one(31 - lax.clz(bits & -bits), *found)
+
+    return lax.while_loop(lambda state: state[0] != 0, body, (bits, *found))[1:]
