@@ -9,6 +9,8 @@ from functools import cache
 
 import numpy as np
 
+from jaxrt.materials.directional import normals_seen
+
 STEPS = 20  # of roughness, from 0 to 1
 COUNT = 64  # of cosines
 POINTS = 96  # of a quadrature, along each axis
@@ -29,13 +31,7 @@ def tables(ior: float) -> tuple[Floats, Floats]:
 
 def shares(alpha: float, cos: float, eta: float) -> tuple[float, float]:
     """Return which shares of light are reflected and refracted, eta: index of the far side over the near one."""
-    u, v = np.meshgrid(*2 * [(np.arange(POINTS) + 0.5) / POINTS], indexing="ij")
-    sin = np.sqrt(1 - cos * cos)
-    x, z = np.array([alpha * sin, cos]) / np.hypot(alpha * sin, cos)
-    height = 1 - v * (1 + z)
-    ring = np.sqrt(np.maximum(1 - height * height, 0))
-    normal = np.stack([alpha * (ring * np.cos(2 * np.pi * u) + x), alpha * ring * np.sin(2 * np.pi * u), height + z])
-    normal /= np.linalg.norm(normal, axis=0)
+    sin, normal = normals_seen(alpha, cos, POINTS)
     met = np.maximum(sin * normal[0] + cos * normal[2], 0)
     squared = met * met + (eta - 1) * (eta + 1)
     far = np.sqrt(np.maximum(squared, 0))  # cosine beyond, times eta

@@ -70,14 +70,19 @@ def _tables() -> tuple[Floats, Floats]:
 
 def _albedo(alpha: float, cos: float) -> float:
     """Return the albedo in one direction, by midpoints over normals that are seen."""
-    u, v = np.meshgrid(*2 * [(np.arange(POINTS) + 0.5) / POINTS], indexing="ij")
+    sin, normal = normals_seen(alpha, cos, POINTS)
+    out = 2 * (sin * normal[0] + cos * normal[2]) * normal[2] - cos  # cosine of what is reflected
+    far_o, far_i = (np.sqrt(alpha**2 + (1 - alpha**2) * c * c) for c in (cos, out))
+    shares = np.where(out > 0, out * (cos + far_o) / np.maximum(cos * far_i + out * far_o, 1e-12), 0)
+    return float(shares.mean())
+
+
+def normals_seen(alpha: float, cos: float, points: int) -> tuple[float, Floats]:
+    """Return a direction's sine, and normals (3, points, points) of facets, each as likely as seen from there."""
+    u, v = np.meshgrid(*2 * [(np.arange(points) + 0.5) / points], indexing="ij")
     sin = np.sqrt(1 - cos * cos)
     x, z = np.array([alpha * sin, cos]) / np.hypot(alpha * sin, cos)
     height = 1 - v * (1 + z)
     ring = np.sqrt(np.maximum(1 - height * height, 0))
     normal = np.stack([alpha * (ring * np.cos(2 * np.pi * u) + x), alpha * ring * np.sin(2 * np.pi * u), height + z])
-    normal /= np.linalg.norm(normal, axis=0)
-    out = 2 * (sin * normal[0] + cos * normal[2]) * normal[2] - cos  # cosine of what is reflected
-    far_o, far_i = (np.sqrt(alpha**2 + (1 - alpha**2) * c * c) for c in (cos, out))
-    shares = np.where(out > 0, out * (cos + far_o) / np.maximum(cos * far_i + out * far_o, 1e-12), 0)
-    return float(shares.mean())
+    return sin, normal / np.linalg.norm(normal, axis=0)
