@@ -3,13 +3,21 @@
 from collections.abc import Callable
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jax import Array, lax
+
+WORD = 32  # bits of an integer
 
 
 def mask(bits: Array) -> Array:
     """Return booleans (n,) as the bits of one integer, n up to 32."""
     return jnp.sum(jnp.where(bits, 1 << lax.iota(jnp.int32, bits.shape[0]), 0), dtype=jnp.int32)
+
+
+def masks(bits: Array) -> Array:
+    """Return booleans (n,) as the bits of integers (⌈n/32⌉,)."""
+    return jax.vmap(mask)(jnp.pad(bits, (0, -bits.size % WORD)).reshape(-1, WORD))
 
 
 def each(one: Callable[..., tuple[Any, ...]], bits: Array, *found: Any) -> tuple[Any, ...]:

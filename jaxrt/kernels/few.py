@@ -1,4 +1,4 @@
-"""What few lanes of a packet need, computed for those alone, and what none needs not at all.
+"""What few lanes of a packet need, computed for those alone.
 
 A `where` computes what it chooses from for all lanes. Here those that need it are gone through one by one, so that a
 packet costs what its own lanes ask for: less, while these are fewer than one in as many as a CPU computes at once. Both
@@ -14,10 +14,8 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.custom_batching import custom_vmap
 
-from jaxrt.kernels.bits import each, mask
+from jaxrt.kernels.bits import WORD, each, masks
 from jaxrt.kernels.native import in_native, in_stages
-
-WORD = 32  # lanes whose needs are the bits of one integer
 
 
 def where_needed(f: Callable[..., Any], needed: Array, *operands: Any) -> Any:
@@ -33,28 +31,6 @@ def where_needed(f: Callable[..., Any], needed: Array, *operands: Any) -> Any:
         return _every(lambda: _one_by_one(f, flags, needs, operands))
 
     return chosen(needed, *operands)
-
-
-def where_any_needs(f: Callable[..., Any], needed: Array, otherwise: Any, *operands: Any) -> Any:
-    """Return f(*operands), or `otherwise` in packets of which no lane has () bool `needed`.
-
-    Outside of a native kernel f(*operands).
-    """
-    if not in_native():
-        return f(*operands)
-
-    @custom_vmap
-    def one(needed: Array, otherwise: Any, *operands: Any) -> Any:
-        return lax.cond(needed, lambda: f(*operands), lambda: otherwise)
-
-    @one.def_vmap
-    def rule(size: int, batched: Any, needed: Array, otherwise: Any, *operands: Any) -> Any:
-        own, *rest = (jax.tree.map(lambda flag: 0 if flag else None, part) for part in batched[1:])
-        some = jax.vmap(f, in_axes=tuple(rest), axis_size=size)
-        none = jax.vmap(lambda otherwise: otherwise, in_axes=(own,), axis_size=size)
-        return _every(lambda: lax.cond(jnp.any(needed), lambda: some(*operands), lambda: none(otherwise)))
-
-    return one(needed, otherwise, *operands)
 
 
 def _every(found: Callable[[], Any]) -> tuple[Any, Any]:
@@ -82,15 +58,10 @@ def _one_by_one(f: Callable[..., Any], flags: list[bool], needed: Array, operand
 
         return each(put, _row(words, word), results)[0]
 
-    words = _words(needed)
+    words = masks(needed)
     shapes = jax.eval_shape(one, jnp.int32(0))
     nothing = jax.tree.map(lambda x: jnp.zeros((needed.size, *x.shape), x.dtype), shapes)
     return lax.fori_loop(0, words.size, of_word, nothing)
-
-
-def _words(needed: Array) -> Array:
-    """Return booleans as the bits of integers."""
-    return jax.vmap(mask)(jnp.pad(needed, (0, -needed.size % WORD)).reshape(-1, WORD))
 
 
 def _put(i: Array, rows: Array, row: Array) -> Array:

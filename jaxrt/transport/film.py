@@ -12,12 +12,13 @@ from jax.custom_batching import sequential_vmap as in_turn
 from numpy.typing import NDArray
 
 from jaxrt.core.maths import kahan_add
+from jaxrt.core.records import Ray
 from jaxrt.core.samplers import SAMPLERS, Stream
 from jaxrt.filters import Filter
 from jaxrt.kernels.gather import take
 from jaxrt.kernels.native import fold_packets, map_packets, on_devices
 from jaxrt.transport.outputs import Output, channels, first_met, numbers_met
-from jaxrt.transport.path import Tables, marked, radiance
+from jaxrt.transport.path import Numbers, Tables, marked, radiance
 
 BLOCK = 4  # samples, numbered from 0, whose sum is rounded; all that is divided anywhere is divided between blocks
 SHARES = 64  # at most, of a picture that several threads draw; the program of a share serves any number up to that
@@ -91,14 +92,18 @@ def size_of(tables: Tables, plan: Plan) -> tuple[int, int]:
 
 def _pixels_of(plan: Plan, tables: Tables, run: Run, packet: Array) -> tuple[Array, Array]:
     """Return columns and rows (lanes,) of a packet's pixels."""
+    return pixel_of(plan, tables, run, packet, jnp.arange(plan.lanes, dtype=jnp.int32))
+
+
+def pixel_of(plan: Plan, tables: Tables, run: Run, packet: Array, lane: Array) -> tuple[Array, Array]:
+    """Return column and row of one of a packet's pixels, or of several."""
     width, height = plan.tile
     columns = -(-size_of(tables, plan)[0] // width)
-    lane = jnp.arange(width * height, dtype=jnp.int32)
     x = packet % columns * width + lane % width
     y = packet // columns * height + lane // width
     if run.pixels is not None:
         chosen = take(run.pixels, jnp.minimum(x, run.pixels.shape[0] - 1))
-        return chosen[:, 0], chosen[:, 1]
+        return chosen[..., 0], chosen[..., 1]
     if run.corner is not None:
         return x + run.corner[0], y + run.corner[1]
     return x, y
@@ -108,6 +113,15 @@ def _sample(
     plan: Plan, tables: Tables, run: Run, sample: Array, attached: bool, x: Array, y: Array, marks: Array | None
 ) -> Array:
     """Return the radiance (3,), or the outputs, of one sample of pixel (x, y), column and row."""
+    numbers = numbers_of(plan, tables, run, sample, x, y)
+    ray = camera_ray(plan, tables, numbers, x, y)
+    if plan.outputs:
+        return first_met(plan.outputs, tables if marks is None else marked(tables, marks[0]), ray)
+    return radiance(tables, ray, numbers, plan.max_depth, plan.unroll, attached, marks)
+
+
+def numbers_of(plan: Plan, tables: Tables, run: Run, sample: Array, x: Array, y: Array) -> Numbers:
+    """Return the random numbers of one sample of pixel (x, y), column and row."""
     dtype = tables.dtype
     pixel = y.astype(jnp.uint32) * jnp.uint32(tables.camera.width) + x.astype(jnp.uint32)
     stream = Stream(pixel, sample.astype(jnp.uint32), run.seed, run.spp.astype(jnp.uint32))
@@ -116,14 +130,16 @@ def _sample(
         a, b, c, d = _numbers[plan.sampler](stream, jnp.int32(block))
         return a.astype(dtype), b.astype(dtype), c.astype(dtype), d.astype(dtype)
 
-    jitter = numbers(0)
+    return numbers
+
+
+def camera_ray(plan: Plan, tables: Tables, numbers: Numbers, x: Array, y: Array) -> Ray:
+    """Return the ray of a sample, whose random numbers these are, of pixel (x, y)."""
+    jitter, dtype = numbers(0), tables.dtype
     across, down = jitter[:2]
     if plan.filter is not None:
         across, down = 0.5 + plan.filter.place(across), 0.5 + plan.filter.place(down)
-    ray = tables.camera.ray((x.astype(dtype) + across, y.astype(dtype) + down), jitter[2:])
-    if plan.outputs:
-        return first_met(plan.outputs, tables if marks is None else marked(tables, marks[0]), ray)
-    return radiance(tables, ray, numbers, plan.max_depth, plan.unroll, attached, marks)
+    return tables.camera.ray((x.astype(dtype) + across, y.astype(dtype) + down), jitter[2:])
 
 
 def draw_packets(f: Callable[[Operands, Array], Array], operands: Operands, size: tuple[int, int], plan: Plan) -> Array:

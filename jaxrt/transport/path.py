@@ -18,7 +18,7 @@ from jaxrt.cameras import View, view_of
 from jaxrt.core.maths import FAR, dot, face_forward, safe_divide
 from jaxrt.core.pytree import dtype_of, pytree, static
 from jaxrt.core.records import Hit, LightSample, Ray, SurfacePoint
-from jaxrt.kernels.few import where_any_needs, where_needed
+from jaxrt.kernels.few import where_needed
 from jaxrt.kernels.native import in_stages, once
 from jaxrt.lights import (
     LightTable,
@@ -170,21 +170,15 @@ def radiance(
         return sky + sky_radiance(tables.lights, ray.direction) if shines_from_afar(tables.lights) else sky
     if unroll:
         for k in range(1, max_depth + 1):
-            walk = _event(marked(tables, None if marks is None else marks[k - 1]), walk, numbers(k), attached)
+            walk = event(marked(tables, None if marks is None else marks[k - 1]), walk, numbers(k), attached)
     else:
         # Of each event, derivatives backwards keep the walk, what was hit and two numbers, and compute the rest again
         @partial(jax.checkpoint, policy=jax.checkpoint_policies.save_only_these_names(_KEPT), prevent_cse=False)
-        def event(walk: Walk, one: tuple[Array, Array | None]) -> tuple[Walk, None]:
+        def one_more(walk: Walk, one: tuple[Array, Array | None]) -> tuple[Walk, None]:
             k, mark = one
-            if tables.sparse and walk.alive is not None:
-                return where_any_needs(
-                    partial(_event, attached=False), walk.alive, walk, tables, walk, numbers(k)
-                ), None
-            return _event(marked(tables, mark), walk, numbers(k), attached), None
+            return event(marked(tables, mark), walk, numbers(k), attached), None
 
-        walk, _ = lax.scan(event, walk, (jnp.arange(1, max_depth + 1), marks))
-    if tables.sparse and walk.alive is not None:
-        return where_any_needs(last_look, walk.alive, walk.radiance, tables, walk)
+        walk, _ = lax.scan(one_more, walk, (jnp.arange(1, max_depth + 1), marks))
     return last_look(tables, walk)
 
 
@@ -202,7 +196,7 @@ def walk_along(tables: Tables, ray: Ray, specular: bool) -> Walk:
     return Walk(ray, ones, jnp.zeros_like(ones), jnp.full((), specular), pdf, alive, absorption)
 
 
-def _event(tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array], attached: bool) -> Walk:
+def event(tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array], attached: bool) -> Walk:
     """Return the path one scattering event on."""
     hit = checkpoint_name(once(find)(tables.geometry, walk.ray, walk.alive), _KEPT)
     return event_at(tables, walk, hit, once(surface_point)(tables.geometry, walk.ray, hit), u, attached)
@@ -338,14 +332,19 @@ def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
     return replace(walk, radiance=walk.radiance + walk.throughput * seen)
 
 
+def looks_at_last(tables: Tables) -> bool:
+    """Return whether a path's last ray can see anything at all that shines."""
+    spheres = tables.lights is not None and tables.lights.lights.have_size
+    can_shine = spheres or shines_from_afar(tables.lights)
+    sees = tables.materials.are_delta or tables.materials.are_glossy
+    return tables.environment is not None or (can_shine and sees)
+
+
 def last_look(tables: Tables, walk: Walk, hit: Hit | None = None) -> Array:
     """Return the walk's radiance with what its last ray sees, where it can see anything at all.
 
     hit: what the ray hits; None: to be found.
     """
-    spheres = tables.lights is not None and tables.lights.lights.have_size
-    can_shine = spheres or shines_from_afar(tables.lights)
-    sees = tables.materials.are_delta or tables.materials.are_glossy
-    if tables.environment is None and not (can_shine and sees):
+    if not looks_at_last(tables):
         return walk.radiance
     return _see(tables, walk, once(find)(tables.geometry, walk.ray, walk.alive) if hit is None else hit).radiance
