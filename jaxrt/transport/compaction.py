@@ -9,6 +9,7 @@ without derivative backwards, which would have to know how many paths go on.
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +17,7 @@ from jax import Array, lax
 
 from jaxrt.core.pytree import pytree
 from jaxrt.kernels.bits import WORD, each, masks
+from jaxrt.kernels.native import once
 from jaxrt.transport.film import BLOCK, Plan, Run, camera_ray, is_native, numbers_of, pixel_of
 from jaxrt.transport.path import Tables, Walk, event, last_look, looks_at_last, walk_along
 
@@ -60,10 +62,9 @@ def draw_block(plan: Plan, tables: Tables, run: Run, first: Array, end: Array, p
         return replace(path, walk=replace(path.walk, radiance=last_look(tables, path.walk)))
 
     n = BLOCK * lanes
-    numbers = jnp.arange(n, dtype=jnp.int32)
-    paths = jax.tree.map(lambda x: jnp.zeros((n, *x.shape), x.dtype), jax.eval_shape(begin, numbers[0]))
-    row = Row(replace(paths, number=numbers), lanes * (end - first), paths.walk.radiance)
-    row = _all(lambda path: begin(path.number), row, lanes)
+    begun = lax.map(jax.vmap(begin), jnp.arange(n, dtype=jnp.int32).reshape(BLOCK, lanes))
+    paths = jax.tree.map(lambda x: x.reshape(n, *x.shape[2:]), begun)
+    row = Row(paths, lanes * (end - first), jnp.zeros((n, 3), tables.dtype))
     row = lax.fori_loop(
         1, plan.max_depth + 1, lambda k, row: _compacted(_all(partial(go_on, k), row, lanes), lanes), row
     )
@@ -80,8 +81,11 @@ def _place(plan: Plan, tables: Tables, run: Run, first: Array, packet: Array, nu
 def _all(one: Callable[[Paths], Paths], row: Row, lanes: int) -> Row:
     """Return the row with one(path) for each path under way, `lanes` at once."""
 
+    def cut(j: Array, paths: Paths) -> Paths:
+        return jax.tree.map(lambda x: lax.dynamic_slice_in_dim(x, lanes * j, lanes), paths)
+
     def part(j: Array, paths: Paths) -> Paths:
-        some = jax.tree.map(lambda x: lax.dynamic_slice_in_dim(x, lanes * j, lanes), paths)
+        some = once(cut)(j, paths)
         alive = some.walk.alive & (lanes * j + jnp.arange(lanes) < row.count)
         some = jax.vmap(one)(replace(some, walk=replace(some.walk, alive=alive)))
         return jax.tree.map(lambda x, y: lax.dynamic_update_slice_in_dim(x, y, lanes * j, 0), paths, some)
@@ -98,22 +102,26 @@ def _compacted(row: Row, lanes: int) -> Row:
 
 def _packed(row: Row, goes_on: Array) -> Row:
     """Return the row with the paths in front that go on; what the others have brought is drawn."""
-    index = jnp.arange(goes_on.size)
-    ended, going = masks(~goes_on & (index < row.count)), masks(goes_on)
+    ended = ~goes_on & (jnp.arange(goes_on.size) < row.count)
 
-    def of_word(w: Array, row: Row) -> Row:
-        def draw(bit: Array, drawn: Array) -> tuple[Array]:
-            i = WORD * w + bit
-            return (_put(drawn, row.paths.number[i], _row(row.paths.walk.radiance, i)),)
+    def draw(i: Array, drawn: Array) -> tuple[Array]:
+        return (_put(drawn, row.paths.number[i], _row(row.paths.walk.radiance, i)),)
 
-        def move(bit: Array, paths: Paths, count: Array) -> tuple[Paths, Array]:
-            return jax.tree.map(lambda x: _put(x, count, _row(x, WORD * w + bit)), paths), count + 1
+    def move(i: Array, paths: Paths, count: Array) -> tuple[Paths, Array]:
+        return jax.tree.map(lambda x: _put(x, count, _row(x, i)), paths), count + 1
 
-        # A path moves to where one has ended of this word or before
-        drawn = each(draw, ended[w], row.drawn)[0]
-        return Row(*each(move, going[w], row.paths, row.count), drawn)
+    drawn = _each(draw, ended, row.drawn)[0]
+    return Row(*_each(move, goes_on, row.paths, jnp.int32(0)), drawn)
 
-    return lax.fori_loop(0, going.size, of_word, replace(row, count=jnp.int32(0)))
+
+def _each(one: Callable[..., tuple[Any, ...]], chosen: Array, *found: Any) -> tuple[Any, ...]:
+    """Return what is found after one(number, *found) for each of the chosen, in order."""
+    words = masks(chosen)
+
+    def of_word(w: Array, found: tuple[Any, ...]) -> tuple[Any, ...]:
+        return each(lambda bit, *found: one(WORD * w + bit, *found), words[w], *found)
+
+    return lax.fori_loop(0, words.size, of_word, found)
 
 
 def _parts(count: Array, lanes: int) -> Array:
