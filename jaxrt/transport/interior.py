@@ -23,7 +23,6 @@ from jaxrt.kernels.linear import Leaves, Shapes, apply_linear
 from jaxrt.kernels.native import one_mesh, program_on
 from jaxrt.materials import marks_of
 from jaxrt.textures.recording import WIDTH, add_marks
-from jaxrt.transport.compaction import compacts, draw_block
 from jaxrt.transport.film import (
     BLOCK,
     Plan,
@@ -38,6 +37,7 @@ from jaxrt.transport.film import (
     sum_packets,
 )
 from jaxrt.transport.path import Tables
+from jaxrt.transport.regeneration import draw_paths, regenerates
 
 # Derivatives of a batch that share one pass over the paths, forwards and backwards. Backwards the paths are the lesser
 # part, and packets of a batch too wide for a native kernel
@@ -252,17 +252,15 @@ def _packet_sum(plan: Plan, operands: tuple[Tables, Run], packet: Array) -> Arra
     tables, run = operands
     # No derivative passes here
     tables = replace(tables, sparse=tables.materials.are_glossy and is_native(plan))
+    if regenerates(plan, tables):
+        return jnp.stack(draw_paths(plan, tables, run, packet), -1)
     nothing = jnp.zeros((plan.lanes, plan.channels), tables.dtype)
+
+    def add_sample(sample: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
+        return kahan_add(*sums, sample_packet(plan, tables, run, sample, packet))
 
     def add_block(block: Array, parts: Parts) -> Parts:
         first, end = jnp.maximum(block * BLOCK, run.first), jnp.minimum((block + 1) * BLOCK, run.end)
-        if compacts(plan, tables):
-            drawn = draw_block(plan, tables, run, first, end, packet)
-
-        def add_sample(sample: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
-            one = drawn[sample - first] if compacts(plan, tables) else sample_packet(plan, tables, run, sample, packet)
-            return kahan_add(*sums, one)
-
         return add_exactly(parts, lax.fori_loop(first, end, add_sample, (nothing, nothing))[0])
 
     blocks = run.first // BLOCK, -(-run.end // BLOCK)

@@ -196,16 +196,27 @@ def walk_along(tables: Tables, ray: Ray, specular: bool) -> Walk:
     return Walk(ray, ones, jnp.zeros_like(ones), jnp.full((), specular), pdf, alive, absorption)
 
 
-def event(tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array], attached: bool) -> Walk:
-    """Return the path one scattering event on."""
+def event(
+    tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array], attached: bool, scatters: Array | None = None
+) -> Walk:
+    """Return the path one scattering event on. scatters: () bool, as of `event_at`."""
     hit = checkpoint_name(once(find)(tables.geometry, walk.ray, walk.alive), _KEPT)
-    return event_at(tables, walk, hit, once(surface_point)(tables.geometry, walk.ray, hit), u, attached)
+    return event_at(tables, walk, hit, once(surface_point)(tables.geometry, walk.ray, hit), u, attached, scatters)
 
 
 def event_at(
-    tables: Tables, walk: Walk, hit: Hit, point: SurfacePoint, u: tuple[Array, ...], attached: bool = False
+    tables: Tables,
+    walk: Walk,
+    hit: Hit,
+    point: SurfacePoint,
+    u: tuple[Array, ...],
+    attached: bool = False,
+    scatters: Array | None = None,
 ) -> Walk:
-    """Return the path after its event at the point where its ray meets what it hits. u: four numbers in [0, 1)."""
+    """Return the path after its event at the point where its ray meets what it hits.
+
+    u: four numbers in [0, 1). scatters: () bool; where not, the path sees what it hits, and ends. None: always.
+    """
     wo = -walk.ray.direction
     medium = None
     if walk.absorption is not None:
@@ -213,20 +224,21 @@ def event_at(
         walk = replace(walk, throughput=walk.throughput * jnp.where(hit.valid, medium.passed(), 1))
     walk = _see(tables, walk, hit)
     choice = checkpoint_name((u[2], u[3]), _KEPT)
-    live = None if walk.alive is None or not tables.sparse else hit.valid & walk.alive
+    going = hit.valid if scatters is None else hit.valid & scatters
+    live = None if walk.alive is None or not tables.sparse else going & walk.alive
     scattering = in_stages(scatter)(tables.materials, point, wo, choice, live)
     gathered = walk.radiance
     # Sample direct light
     if tables.lights is not None and tables.materials.are_lit:
-        lit = hit.valid & scattering.lit
+        lit = going & scattering.lit
         direct = _direct(tables, point, wo, scattering, walk.throughput, u[:2], attached, lit, medium)
         gathered = gathered + jnp.where(lit, direct, 0)
     # Go on
-    throughput = jnp.where(hit.valid, walk.throughput * scattering.weight, 0)
+    throughput = jnp.where(going, walk.throughput * scattering.weight, 0)
     # Derivatives want light samples alone: where a scattered ray hits a light, its edges would move
     pdf = jnp.zeros_like(walk.throughput[0]) if scattering.pdf is not None and attached else scattering.pdf
     # A sphere light, whose material comes last, ends it as well as nothing does
-    alive = None if walk.alive is None else hit.valid & (point.material < tables.materials.ends[2])
+    alive = None if walk.alive is None else going & (point.material < tables.materials.ends[2])
     absorption = None if medium is None else medium.beyond(scattering.direction)
     if tables.sparse and alive is not None:
         alive &= jnp.any(throughput != 0)
@@ -338,6 +350,14 @@ def looks_at_last(tables: Tables) -> bool:
     can_shine = spheres or shines_from_afar(tables.lights)
     sees = tables.materials.are_delta or tables.materials.are_glossy
     return tables.environment is not None or (can_shine and sees)
+
+
+def may_look(tables: Tables, walk: Walk) -> Array:
+    """Return whether the walk's last ray may see something that shines, () bool."""
+    sees = jnp.full((), tables.environment is not None)
+    if not looks_at_last(tables) or tables.environment is not None:
+        return sees
+    return walk.specular if walk.pdf is None else walk.specular | (walk.pdf > 0)
 
 
 def last_look(tables: Tables, walk: Walk, hit: Hit | None = None) -> Array:

@@ -1,0 +1,129 @@
+"""The paths of a packet's pixels, sample after sample: where some have ended, others begin.
+
+In the open most paths end early, here and there among the lanes of a packet, and a packet costs the same for few as for
+all. So the paths under way stand in one row, closed up when some end, of which the rear has as many as the packet has
+lanes: these go on by one event, or new ones do while there are fewer (path regeneration and stream compaction: Novák,
+Havran & Dachsbacher 2010, van Antwerpen 2011). A path's light does not depend on its place in the row, and sums of
+light are exact, so that they do not depend on which path ends first. For native kernels without derivative backwards,
+which would have to know how many turns there are.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxrt.core.maths import Parts, add_exactly
+from jaxrt.core.pytree import pytree
+from jaxrt.kernels.bits import WORD, each, masks
+from jaxrt.kernels.native import once
+from jaxrt.transport.film import Plan, Run, camera_ray, is_native, numbers_of, pixel_of
+from jaxrt.transport.path import Tables, Walk, event, may_look, walk_along
+
+
+@pytree
+class Paths:
+    """Paths, or one."""
+
+    walk: Walk
+    lane: Array  # () int32 of its pixel in the packet
+    sample: Array  # () int32
+    event: Array  # () int32 number of its next event
+
+
+@pytree
+class State:
+    """What has become of a packet's samples."""
+
+    paths: Paths  # (2 · lanes, …): the row, then anything
+    count: Array  # () int32, of the row
+    sample: Array  # () int32, that begins next
+    drawn: Parts  # (lanes, 3) each: the sum of the paths that have ended
+
+
+def regenerates(plan: Plan, tables: Tables) -> bool:
+    """Return whether paths give way to others: in native kernels, where some may end before their last event."""
+    shapes = tables.geometry.spheres, tables.geometry.triangles
+    return is_native(plan) and plan.max_depth > 1 and not (plan.outputs or plan.unroll) and shapes != (None, None)
+
+
+def draw_paths(plan: Plan, tables: Tables, run: Run, packet: Array) -> Parts:
+    """Return the sum of the samples of `run` of the packet's pixels, (lanes, 3) each."""
+    lanes, tables = plan.lanes, replace(tables, sparse=True)
+    index = jnp.arange(lanes, dtype=jnp.int32)
+
+    def begin(state: State, _: Array) -> Paths:
+        def one(lane: Array) -> Paths:
+            x, y = pixel_of(plan, tables, run, packet, lane)
+            ray = camera_ray(plan, tables, numbers_of(plan, tables, run, state.sample, x, y), x, y)
+            return Paths(walk_along(tables, ray, True), lane, state.sample, jnp.int32(1))
+
+        return jax.vmap(one)(index)
+
+    def cut(state: State, first: Array) -> Paths:
+        return jax.tree.map(lambda x: lax.dynamic_slice_in_dim(x, first, lanes), state.paths)
+
+    def go_on(path: Paths) -> Paths:
+        x, y = pixel_of(plan, tables, run, packet, path.lane)
+        numbers = numbers_of(plan, tables, run, path.sample, x, y)
+        walk = event(tables, path.walk, numbers(path.event), False, path.event <= plan.max_depth)
+        assert walk.alive is not None
+        alive = walk.alive & ((path.event < plan.max_depth) | may_look(tables, walk))
+        return replace(path, walk=replace(walk, alive=alive), event=path.event + 1)
+
+    def turn(state: State) -> State:
+        fresh = (state.count < lanes) & (state.sample < run.end)
+        first = jnp.where(fresh, state.count, jnp.maximum(state.count - lanes, 0))
+        there = index < jnp.where(fresh, lanes, state.count)
+        paths = lax.cond(fresh, begin, once(cut), state, first)
+        paths = jax.vmap(go_on)(replace(paths, walk=replace(paths.walk, alive=paths.walk.alive & there)))
+        row = jax.tree.map(lambda x, y: lax.dynamic_update_slice_in_dim(x, y, first, 0), state.paths, paths)
+        count, sample = jnp.where(fresh, first + lanes, state.count), state.sample + fresh
+        return _closed_up(State(row, count, sample, state.drawn), first, there & ~paths.walk.alive)
+
+    shapes = jax.eval_shape(begin, State(None, None, run.first, None), run.first)
+    row = jax.tree.map(lambda x: jnp.zeros((2 * lanes, *x.shape[1:]), x.dtype), shapes)
+    nothing = jnp.zeros((lanes, 3), tables.dtype)
+    start = State(row, jnp.int32(0), run.first, (nothing, nothing, nothing))
+    return lax.while_loop(lambda state: (state.count > 0) | (state.sample < run.end), turn, start).drawn
+
+
+def _closed_up(state: State, first: Array, ended: Array) -> State:
+    """Return the state after those of the rear, which begins at `first`, have left the row that have `ended`."""
+    last = first + ended.size - 1
+
+    def draw(back: Array, drawn: Parts) -> tuple[Parts]:
+        i = last - back
+        lane, light = state.paths.lane[i], _row(state.paths.walk.radiance, i)
+        total = add_exactly(tuple(_row(part, lane) for part in drawn), light)
+        return (jax.tree.map(partial(_put, lane), drawn, total),)
+
+    def fill(back: Array, paths: Paths, count: Array) -> tuple[Paths, Array]:
+        # From the rear on, so that the row's last path is one that goes on
+        return jax.tree.map(lambda x: _put(last - back, x, _row(x, count - 1)), paths), count - 1
+
+    which = masks(ended[::-1])
+    drawn = _each(draw, which, state.drawn)[0]
+    paths, count = _each(fill, which, state.paths, state.count)
+    return State(paths, count, state.sample, drawn)
+
+
+def _each(one: Callable[..., tuple[Any, ...]], words: Array, *found: Any) -> tuple[Any, ...]:
+    """Return what is found after one(number, *found) for each bit of the words, in order."""
+
+    def of_word(w: Array, found: tuple[Any, ...]) -> tuple[Any, ...]:
+        return each(lambda bit, *found: one(WORD * w + bit, *found), words[w], *found)
+
+    return lax.fori_loop(0, words.size, of_word, found)
+
+
+def _row(x: Array, i: Array) -> Array:
+    return lax.dynamic_slice_in_dim(x, i, 1)
+
+
+def _put(i: Array, rows: Array, row: Array) -> Array:
+    return lax.dynamic_update_slice_in_dim(rows, row, i, 0)
