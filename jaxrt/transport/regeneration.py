@@ -83,7 +83,9 @@ def draw_paths(plan: Plan, tables: Tables, run: Run, packet: Array) -> Parts:
         paths = jax.vmap(go_on)(replace(paths, walk=replace(paths.walk, alive=paths.walk.alive & there)))
         row = jax.tree.map(lambda x, y: lax.dynamic_update_slice_in_dim(x, y, first, 0), state.paths, paths)
         count, sample = jnp.where(fresh, first + lanes, state.count), state.sample + fresh
-        return _closed_up(State(row, count, sample, state.drawn), first, there & ~paths.walk.alive)
+        ended = masks((there & ~paths.walk.alive)[::-1])
+        drawn = _drawn(state.drawn, paths, ended)
+        return State(*_closed_up(row, count, first + lanes - 1, ended), sample, drawn)
 
     shapes = jax.eval_shape(begin, State(None, None, run.first, None), run.first)
     row = jax.tree.map(lambda x: jnp.zeros((2 * lanes, *x.shape[1:]), x.dtype), shapes)
@@ -92,24 +94,27 @@ def draw_paths(plan: Plan, tables: Tables, run: Run, packet: Array) -> Parts:
     return lax.while_loop(lambda state: (state.count > 0) | (state.sample < run.end), turn, start).drawn
 
 
-def _closed_up(state: State, first: Array, ended: Array) -> State:
-    """Return the state after those of the rear, which begins at `first`, have left the row that have `ended`."""
-    last = first + ended.size - 1
+def _drawn(drawn: Parts, paths: Paths, ended: Array) -> Parts:
+    """Return the sum with the light of the paths that have `ended`, told from the last on."""
+    last = paths.lane.shape[0] - 1
+
+    def total(drawn: Parts, lane: Array, i: Array) -> Parts:
+        return add_exactly(jax.tree.map(lambda x: _row(x, lane), drawn), _row(paths.walk.radiance, i))
 
     def draw(back: Array, drawn: Parts) -> tuple[Parts]:
-        i = last - back
-        lane, light = state.paths.lane[i], _row(state.paths.walk.radiance, i)
-        total = add_exactly(tuple(_row(part, lane) for part in drawn), light)
-        return (jax.tree.map(partial(_put, lane), drawn, total),)
+        lane = paths.lane[last - back]
+        return (jax.tree.map(partial(_put, lane), drawn, once(total)(drawn, lane, last - back)),)
 
-    def fill(back: Array, paths: Paths, count: Array) -> tuple[Paths, Array]:
-        # From the rear on, so that the row's last path is one that goes on
-        return jax.tree.map(lambda x: _put(last - back, x, _row(x, count - 1)), paths), count - 1
+    return _each(draw, ended, drawn)[0]
 
-    which = masks(ended[::-1])
-    drawn = _each(draw, which, state.drawn)[0]
-    paths, count = _each(fill, which, state.paths, state.count)
-    return State(paths, count, state.sample, drawn)
+
+def _closed_up(row: Paths, count: Array, last: Array, ended: Array) -> tuple[Paths, Array]:
+    """Return the row, and how many it counts, after those have left it that have `ended`, told from its `last` on."""
+
+    def fill(back: Array, row: Paths, count: Array) -> tuple[Paths, Array]:
+        return jax.tree.map(lambda x: _put(last - back, x, _row(x, count - 1)), row), count - 1
+
+    return _each(fill, ended, row, count)
 
 
 def _each(one: Callable[..., tuple[Any, ...]], words: Array, *found: Any) -> tuple[Any, ...]:
