@@ -30,9 +30,7 @@ class Paths:
     """Paths, or one."""
 
     walk: Walk
-    lane: Array  # () int32 of its pixel in the packet
-    sample: Array  # () int32
-    event: Array  # () int32 number of its next event
+    place: Array  # (3,) int32: lane of its pixel, number of its sample, and of its next event
 
 
 @pytree
@@ -60,20 +58,20 @@ def draw_paths(plan: Plan, tables: Tables, run: Run, packet: Array) -> Parts:
         def one(lane: Array) -> Paths:
             x, y = pixel_of(plan, tables, run, packet, lane)
             ray = camera_ray(plan, tables, numbers_of(plan, tables, run, state.sample, x, y), x, y)
-            return Paths(walk_along(tables, ray, True), lane, state.sample, jnp.int32(1))
+            return Paths(walk_along(tables, ray, True), jnp.stack([lane, state.sample, jnp.ones_like(lane)]))
 
         return jax.vmap(one)(index)
 
     def cut(state: State, first: Array) -> Paths:
-        return jax.tree.map(lambda x: lax.dynamic_slice_in_dim(x, first, lanes), state.paths)
+        return jax.tree.map(lambda x: _rows(x, first, lanes), state.paths)
 
     def go_on(path: Paths) -> Paths:
-        x, y = pixel_of(plan, tables, run, packet, path.lane)
-        numbers = numbers_of(plan, tables, run, path.sample, x, y)
-        walk = event(tables, path.walk, numbers(path.event), False, path.event <= plan.max_depth)
+        lane, sample, k = path.place
+        numbers = numbers_of(plan, tables, run, sample, *pixel_of(plan, tables, run, packet, lane))
+        walk = event(tables, path.walk, numbers(k), False, k <= plan.max_depth)
         assert walk.alive is not None
-        alive = walk.alive & ((path.event < plan.max_depth) | may_look(tables, walk))
-        return replace(path, walk=replace(walk, alive=alive), event=path.event + 1)
+        alive = walk.alive & ((k < plan.max_depth) | may_look(tables, walk))
+        return Paths(replace(walk, alive=alive), jnp.stack([lane, sample, k + 1]))
 
     def turn(state: State) -> State:
         fresh = (state.count < lanes) & (state.sample < run.end)
@@ -81,7 +79,7 @@ def draw_paths(plan: Plan, tables: Tables, run: Run, packet: Array) -> Parts:
         there = index < jnp.where(fresh, lanes, state.count)
         paths = lax.cond(fresh, begin, once(cut), state, first)
         paths = jax.vmap(go_on)(replace(paths, walk=replace(paths.walk, alive=paths.walk.alive & there)))
-        row = jax.tree.map(lambda x, y: lax.dynamic_update_slice_in_dim(x, y, first, 0), state.paths, paths)
+        row = jax.tree.map(partial(_put, first), state.paths, paths)
         count, sample = jnp.where(fresh, first + lanes, state.count), state.sample + fresh
         ended = masks((there & ~paths.walk.alive)[::-1])
         drawn = _drawn(state.drawn, paths, ended)
@@ -96,13 +94,13 @@ def draw_paths(plan: Plan, tables: Tables, run: Run, packet: Array) -> Parts:
 
 def _drawn(drawn: Parts, paths: Paths, ended: Array) -> Parts:
     """Return the sum with the light of the paths that have `ended`, told from the last on."""
-    last = paths.lane.shape[0] - 1
+    last = paths.place.shape[0] - 1
 
     def total(drawn: Parts, lane: Array, i: Array) -> Parts:
-        return add_exactly(jax.tree.map(lambda x: _row(x, lane), drawn), _row(paths.walk.radiance, i))
+        return add_exactly(jax.tree.map(lambda x: _rows(x, lane), drawn), _rows(paths.walk.radiance, i))
 
     def draw(back: Array, drawn: Parts) -> tuple[Parts]:
-        lane = paths.lane[last - back]
+        lane = paths.place[last - back, 0]
         return (jax.tree.map(partial(_put, lane), drawn, once(total)(drawn, lane, last - back)),)
 
     return _each(draw, ended, drawn)[0]
@@ -112,7 +110,7 @@ def _closed_up(row: Paths, count: Array, last: Array, ended: Array) -> tuple[Pat
     """Return the row, and how many it counts, after those have left it that have `ended`, told from its `last` on."""
 
     def fill(back: Array, row: Paths, count: Array) -> tuple[Paths, Array]:
-        return jax.tree.map(lambda x: _put(last - back, x, _row(x, count - 1)), row), count - 1
+        return jax.tree.map(lambda x: _put(last - back, x, _rows(x, count - 1)), row), count - 1
 
     return _each(fill, ended, row, count)
 
@@ -126,9 +124,9 @@ def _each(one: Callable[..., tuple[Any, ...]], words: Array, *found: Any) -> tup
     return lax.fori_loop(0, words.size, of_word, found)
 
 
-def _row(x: Array, i: Array) -> Array:
-    return lax.dynamic_slice_in_dim(x, i, 1)
+def _rows(x: Array, i: Array, n: int = 1) -> Array:
+    return lax.dynamic_slice_in_dim(x, i, n, allow_negative_indices=False)
 
 
-def _put(i: Array, rows: Array, row: Array) -> Array:
-    return lax.dynamic_update_slice_in_dim(rows, row, i, 0)
+def _put(i: Array, rows: Array, some: Array) -> Array:
+    return lax.dynamic_update_slice_in_dim(rows, some, i, 0, allow_negative_indices=False)
