@@ -6,7 +6,7 @@ the transpose of the other.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -37,7 +37,7 @@ from jaxrt.transport.film import (
     sum_packets,
 )
 from jaxrt.transport.path import Tables
-from jaxrt.transport.regeneration import draw_paths, regenerates
+from jaxrt.transport.regeneration import MOST, draw_paths, regenerates
 
 # Derivatives of a batch that share one pass over the paths, forwards and backwards. Backwards the paths are the lesser
 # part, and packets of a batch too wide for a native kernel
@@ -252,16 +252,26 @@ def _packet_sum(plan: Plan, operands: tuple[Tables, Run], packet: Array) -> Arra
     tables, run = operands
     # No derivative passes here
     tables = replace(tables, sparse=tables.materials.are_glossy and is_native(plan))
-    if regenerates(plan, tables):
-        return jnp.stack(draw_paths(plan, tables, run, packet), -1)
     nothing = jnp.zeros((plan.lanes, plan.channels), tables.dtype)
 
-    def add_sample(sample: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
-        return kahan_add(*sums, sample_packet(plan, tables, run, sample, packet))
+    def add_blocks(first: Array, end: Array, sample_of: Callable[[Array], Array], parts: Parts) -> Parts:
+        def add_sample(sample: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
+            return kahan_add(*sums, sample_of(sample))
 
-    def add_block(block: Array, parts: Parts) -> Parts:
-        first, end = jnp.maximum(block * BLOCK, run.first), jnp.minimum((block + 1) * BLOCK, run.end)
-        return add_exactly(parts, lax.fori_loop(first, end, add_sample, (nothing, nothing))[0])
+        def add_block(block: Array, parts: Parts) -> Parts:
+            inside = jnp.maximum(block * BLOCK, first), jnp.minimum((block + 1) * BLOCK, end)
+            return add_exactly(parts, lax.fori_loop(*inside, add_sample, (nothing, nothing))[0])
 
-    blocks = run.first // BLOCK, -(-run.end // BLOCK)
-    return jnp.stack(lax.fori_loop(*blocks, add_block, (nothing, nothing, nothing)), -1)
+        return lax.fori_loop(first // BLOCK, -(-end // BLOCK), add_block, parts)
+
+    def add_many(many: Array, parts: Parts) -> Parts:
+        first, end = jnp.maximum(many * MOST, run.first), jnp.minimum((many + 1) * MOST, run.end)
+        drawn = draw_paths(plan, tables, run, first, end, packet)
+        return add_blocks(first, end, lambda sample: drawn[sample - first], parts)
+
+    parts = nothing, nothing, nothing
+    if regenerates(plan, tables):
+        parts = lax.fori_loop(run.first // MOST, -(-run.end // MOST), add_many, parts)
+    else:
+        parts = add_blocks(run.first, run.end, lambda sample: sample_packet(plan, tables, run, sample, packet), parts)
+    return jnp.stack(parts, -1)

@@ -3,9 +3,8 @@
 In the open most paths end early, here and there among the lanes of a packet, and a packet costs the same for few as for
 all. So the paths under way stand in one row, closed up when some end, of which the rear has as many as the packet has
 lanes: these go on by one event, or new ones do while there are fewer (path regeneration and stream compaction: Novák,
-Havran & Dachsbacher 2010, van Antwerpen 2011). A path's light does not depend on its place in the row, and sums of
-light are exact, so that they do not depend on which path ends first. For native kernels without derivative backwards,
-which would have to know how many turns there are.
+Havran & Dachsbacher 2010, van Antwerpen 2011). What a path brings does not depend on its place in the row. For native
+kernels without derivative backwards, which would have to know how many turns there are.
 """
 
 from collections.abc import Callable
@@ -17,19 +16,20 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.core.maths import Parts, add_exactly
 from jaxrt.core.pytree import pytree
 from jaxrt.kernels.bits import WORD, each, masks
 from jaxrt.kernels.native import once
 from jaxrt.transport.film import Plan, Run, camera_ray, is_native, numbers_of, pixel_of
 from jaxrt.transport.path import Tables, Walk, event, may_look, walk_along
 
+MOST = 32  # samples whose light is kept before it is summed; the fewer, the more often a row runs out
+
 
 @pytree
 class Paths:
     """Paths, or one."""
 
-    walk: Walk
+    walk: Walk  # in the row without `alive`, for all of it are
     place: Array  # (3,) int32: lane of its pixel, number of its sample, and of its next event
 
 
@@ -37,10 +37,10 @@ class Paths:
 class State:
     """What has become of a packet's samples."""
 
-    paths: Paths  # (2 · lanes, …): the row, then anything
-    count: Array  # () int32, of the row
+    row: Paths  # (2 · lanes, …), of which the first are under way
+    count: Array  # () int32, of these
     sample: Array  # () int32, that begins next
-    drawn: Parts  # (lanes, 3) each: the sum of the paths that have ended
+    drawn: Array  # (MOST · lanes, 3) what those that have ended have brought, by sample and lane
 
 
 def regenerates(plan: Plan, tables: Tables) -> bool:
@@ -49,8 +49,11 @@ def regenerates(plan: Plan, tables: Tables) -> bool:
     return is_native(plan) and plan.max_depth > 1 and not (plan.outputs or plan.unroll) and shapes != (None, None)
 
 
-def draw_paths(plan: Plan, tables: Tables, run: Run, packet: Array) -> Parts:
-    """Return the sum of the samples of `run` of the packet's pixels, (lanes, 3) each."""
+def draw_paths(plan: Plan, tables: Tables, run: Run, first: Array, end: Array, packet: Array) -> Array:
+    """Return the radiance (MOST, lanes, 3) of samples `first` to `end` − 1, at most MOST, of the packet's pixels.
+
+    What follows them is anything.
+    """
     lanes, tables = plan.lanes, replace(tables, sparse=True)
     index = jnp.arange(lanes, dtype=jnp.int32)
 
@@ -58,50 +61,47 @@ def draw_paths(plan: Plan, tables: Tables, run: Run, packet: Array) -> Parts:
         def one(lane: Array) -> Paths:
             x, y = pixel_of(plan, tables, run, packet, lane)
             ray = camera_ray(plan, tables, numbers_of(plan, tables, run, state.sample, x, y), x, y)
-            return Paths(walk_along(tables, ray, True), jnp.stack([lane, state.sample, jnp.ones_like(lane)]))
+            walk = replace(walk_along(tables, ray, True), alive=None)
+            return Paths(walk, jnp.stack([lane, state.sample, jnp.ones_like(lane)]))
 
         return jax.vmap(one)(index)
 
-    def cut(state: State, first: Array) -> Paths:
-        return jax.tree.map(lambda x: _rows(x, first, lanes), state.paths)
+    def rear(state: State, start: Array) -> Paths:
+        return jax.tree.map(lambda x: _some(x, start, lanes), state.row)
 
-    def go_on(path: Paths) -> Paths:
+    def go_on(path: Paths, alive: Array) -> tuple[Paths, Array]:
         lane, sample, k = path.place
         numbers = numbers_of(plan, tables, run, sample, *pixel_of(plan, tables, run, packet, lane))
-        walk = event(tables, path.walk, numbers(k), False, k <= plan.max_depth)
-        assert walk.alive is not None
-        alive = walk.alive & ((k < plan.max_depth) | may_look(tables, walk))
-        return Paths(replace(walk, alive=alive), jnp.stack([lane, sample, k + 1]))
+        walk = event(tables, replace(path.walk, alive=alive), numbers(k), False, k <= plan.max_depth)
+        goes_on = walk.alive & ((k < plan.max_depth) | may_look(tables, walk))
+        return Paths(replace(walk, alive=None), jnp.stack([lane, sample, k + 1])), goes_on
 
     def turn(state: State) -> State:
-        fresh = (state.count < lanes) & (state.sample < run.end)
-        first = jnp.where(fresh, state.count, jnp.maximum(state.count - lanes, 0))
+        fresh = (state.count < lanes) & (state.sample < end)
+        start = jnp.where(fresh, state.count, jnp.maximum(state.count - lanes, 0))
         there = index < jnp.where(fresh, lanes, state.count)
-        paths = lax.cond(fresh, begin, once(cut), state, first)
-        paths = jax.vmap(go_on)(replace(paths, walk=replace(paths.walk, alive=paths.walk.alive & there)))
-        row = jax.tree.map(partial(_put, first), state.paths, paths)
-        count, sample = jnp.where(fresh, first + lanes, state.count), state.sample + fresh
-        ended = masks((there & ~paths.walk.alive)[::-1])
-        drawn = _drawn(state.drawn, paths, ended)
-        return State(*_closed_up(row, count, first + lanes - 1, ended), sample, drawn)
+        paths, goes_on = jax.vmap(go_on)(lax.cond(fresh, begin, once(rear), state, start), there)
+        ended = masks((there & ~goes_on)[::-1])
+        row = jax.tree.map(partial(_put, start), state.row, paths)
+        row, count = _closed_up(row, jnp.where(fresh, start + lanes, state.count), start + lanes - 1, ended)
+        return State(row, count, state.sample + fresh, _drawn(state.drawn, paths, first, ended))
 
-    shapes = jax.eval_shape(begin, State(None, None, run.first, None), run.first)
-    row = jax.tree.map(lambda x: jnp.zeros((2 * lanes, *x.shape[1:]), x.dtype), shapes)
-    nothing = jnp.zeros((lanes, 3), tables.dtype)
-    start = State(row, jnp.int32(0), run.first, (nothing, nothing, nothing))
-    return lax.while_loop(lambda state: (state.count > 0) | (state.sample < run.end), turn, start).drawn
+    drawn = jnp.zeros((MOST * lanes, 3), tables.dtype)
+    one = jax.eval_shape(begin, State(None, None, first, None), first)  # type: ignore[arg-type]
+    row = jax.tree.map(lambda x: jnp.zeros((2 * lanes, *x.shape[1:]), x.dtype), one)
+    start = State(row, jnp.int32(0), first, drawn)
+    end_state = lax.while_loop(lambda state: (state.count > 0) | (state.sample < end), turn, start)
+    return end_state.drawn.reshape(MOST, lanes, 3)
 
 
-def _drawn(drawn: Parts, paths: Paths, ended: Array) -> Parts:
-    """Return the sum with the light of the paths that have `ended`, told from the last on."""
-    last = paths.place.shape[0] - 1
+def _drawn(drawn: Array, paths: Paths, first: Array, ended: Array) -> Array:
+    """Return what is drawn with what the paths have brought that have `ended`, told from the last on."""
+    lanes = paths.place.shape[0]
 
-    def total(drawn: Parts, lane: Array, i: Array) -> Parts:
-        return add_exactly(jax.tree.map(lambda x: _rows(x, lane), drawn), _rows(paths.walk.radiance, i))
-
-    def draw(back: Array, drawn: Parts) -> tuple[Parts]:
-        lane = paths.place[last - back, 0]
-        return (jax.tree.map(partial(_put, lane), drawn, once(total)(drawn, lane, last - back)),)
+    def draw(back: Array, drawn: Array) -> tuple[Array]:
+        i = lanes - 1 - back
+        lane, sample, _ = paths.place[i]
+        return (_put((sample - first) * lanes + lane, drawn, _some(paths.walk.radiance, i)),)
 
     return _each(draw, ended, drawn)[0]
 
@@ -110,7 +110,7 @@ def _closed_up(row: Paths, count: Array, last: Array, ended: Array) -> tuple[Pat
     """Return the row, and how many it counts, after those have left it that have `ended`, told from its `last` on."""
 
     def fill(back: Array, row: Paths, count: Array) -> tuple[Paths, Array]:
-        return jax.tree.map(lambda x: _put(last - back, x, _rows(x, count - 1)), row), count - 1
+        return jax.tree.map(lambda x: _put(last - back, x, _some(x, count - 1)), row), count - 1
 
     return _each(fill, ended, row, count)
 
@@ -124,7 +124,7 @@ def _each(one: Callable[..., tuple[Any, ...]], words: Array, *found: Any) -> tup
     return lax.fori_loop(0, words.size, of_word, found)
 
 
-def _rows(x: Array, i: Array, n: int = 1) -> Array:
+def _some(x: Array, i: Array, n: int = 1) -> Array:
     return lax.dynamic_slice_in_dim(x, i, n, allow_negative_indices=False)
 
 
