@@ -81,10 +81,10 @@ def draw_paths(plan: Plan, tables: Tables, run: Run, first: Array, end: Array, p
         start = jnp.where(fresh, state.count, jnp.maximum(state.count - lanes, 0))
         there = index < jnp.where(fresh, lanes, state.count)
         paths, goes_on = jax.vmap(go_on)(lax.cond(fresh, begin, once(rear), state, start), there)
-        ended = masks((there & ~goes_on)[::-1])
+        drawn = _drawn(state.drawn, paths, first, there & ~goes_on)
+        paths, count = _closed_up(paths, there & goes_on)
         row = jax.tree.map(partial(_put, start), state.row, paths)
-        row, count = _closed_up(row, jnp.where(fresh, start + lanes, state.count), start + lanes - 1, ended)
-        return State(row, count, state.sample + fresh, _drawn(state.drawn, paths, first, ended))
+        return State(row, start + count, state.sample + fresh, drawn)
 
     drawn = jnp.zeros((MOST * lanes, 3), tables.dtype)
     one = jax.eval_shape(begin, State(None, None, first, None), first)  # type: ignore[arg-type]
@@ -95,28 +95,33 @@ def draw_paths(plan: Plan, tables: Tables, run: Run, first: Array, end: Array, p
 
 
 def _drawn(drawn: Array, paths: Paths, first: Array, ended: Array) -> Array:
-    """Return what is drawn with what the paths have brought that have `ended`, told from the last on."""
-    lanes = paths.place.shape[0]
+    """Return what is drawn with what the paths have brought that have `ended`."""
+    lanes = ended.size
 
-    def draw(back: Array, drawn: Array) -> tuple[Array]:
-        i = lanes - 1 - back
+    def draw(i: Array, drawn: Array) -> tuple[Array]:
         lane, sample, _ = paths.place[i]
         return (_put((sample - first) * lanes + lane, drawn, _some(paths.walk.radiance, i)),)
 
     return _each(draw, ended, drawn)[0]
 
 
-def _closed_up(row: Paths, count: Array, last: Array, ended: Array) -> tuple[Paths, Array]:
-    """Return the row, and how many it counts, after those have left it that have `ended`, told from its `last` on."""
+def _closed_up(paths: Paths, alive: Array) -> tuple[Paths, Array]:
+    """Return the paths with those in front that are alive, and how many these are."""
+    count, index = jnp.sum(alive, dtype=jnp.int32), jnp.arange(alive.size, dtype=jnp.int32)
 
-    def fill(back: Array, row: Paths, count: Array) -> tuple[Paths, Array]:
-        return jax.tree.map(lambda x: _put(last - back, x, _some(x, count - 1)), row), count - 1
+    def tell(i: Array, gaps: Array, n: Array) -> tuple[Array, Array]:
+        return _put(n, gaps, i[None]), n + 1
 
-    return _each(fill, ended, row, count)
+    def fill(i: Array, paths: Paths, n: Array) -> tuple[Paths, Array]:
+        return jax.tree.map(lambda x: _put(gaps[n], x, _some(x, i)), paths), n + 1
+
+    gaps = _each(tell, ~alive & (index < count), index, jnp.int32(0))[0]
+    return _each(fill, alive & (index >= count), paths, jnp.int32(0))[0], count
 
 
-def _each(one: Callable[..., tuple[Any, ...]], words: Array, *found: Any) -> tuple[Any, ...]:
-    """Return what is found after one(number, *found) for each bit of the words, in order."""
+def _each(one: Callable[..., tuple[Any, ...]], chosen: Array, *found: Any) -> tuple[Any, ...]:
+    """Return what is found after one(number, *found) for each that is chosen, in order."""
+    words = masks(chosen)
 
     def of_word(w: Array, found: tuple[Any, ...]) -> tuple[Any, ...]:
         return each(lambda bit, *found: one(WORD * w + bit, *found), words[w], *found)
