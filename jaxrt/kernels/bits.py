@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
@@ -11,13 +10,14 @@ WORD = 32  # bits of an integer
 
 
 def mask(bits: Array) -> Array:
-    """Return booleans (n,) as the bits of one integer, n up to 32."""
-    return jnp.sum(jnp.where(bits, 1 << lax.iota(jnp.int32, bits.shape[0]), 0), dtype=jnp.int32)
+    """Return booleans (…, n) as the bits of integers (…), n up to 32."""
+    number = lax.broadcasted_iota(jnp.int32, bits.shape, bits.ndim - 1)
+    return jnp.sum(jnp.where(bits, 1 << number, 0), -1, dtype=jnp.int32)
 
 
 def masks(bits: Array) -> Array:
     """Return booleans (n,) as the bits of integers (⌈n/32⌉,)."""
-    return jax.vmap(mask)(jnp.pad(bits, (0, -bits.size % WORD)).reshape(-1, WORD))
+    return mask(jnp.pad(bits, (0, -bits.size % WORD)).reshape(-1, WORD))
 
 
 def each(one: Callable[..., tuple[Any, ...]], bits: Array, *found: Any) -> tuple[Any, ...]:

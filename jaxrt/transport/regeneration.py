@@ -30,7 +30,9 @@ class Paths:
     """Paths, or one."""
 
     walk: Walk  # in the row without `alive`, for all of it are
-    place: Array  # (3,) int32: lane of its pixel, number of its sample, and of its next event
+    lane: Array  # () int32 of its pixel in the packet
+    sample: Array  # () int32
+    event: Array  # () int32 number of its next event
 
 
 @pytree
@@ -57,41 +59,40 @@ def draw_paths(plan: Plan, tables: Tables, run: Run, first: Array, end: Array, p
     lanes, tables = plan.lanes, replace(tables, sparse=True)
     index = jnp.arange(lanes, dtype=jnp.int32)
 
-    def begin(state: State, _: Array) -> Paths:
+    def begin(sample: Array) -> Paths:
         def one(lane: Array) -> Paths:
             x, y = pixel_of(plan, tables, run, packet, lane)
-            ray = camera_ray(plan, tables, numbers_of(plan, tables, run, state.sample, x, y), x, y)
-            walk = replace(walk_along(tables, ray, True), alive=None)
-            return Paths(walk, jnp.stack([lane, state.sample, jnp.ones_like(lane)]))
+            ray = camera_ray(plan, tables, numbers_of(plan, tables, run, sample, x, y), x, y)
+            return Paths(replace(walk_along(tables, ray, True), alive=None), lane, sample, jnp.ones_like(lane))
 
         return jax.vmap(one)(index)
 
-    def rear(state: State, start: Array) -> Paths:
-        return jax.tree.map(lambda x: _some(x, start, lanes), state.row)
+    def rear(row: Paths, start: Array) -> Paths:
+        return jax.tree.map(lambda x: _some(x, start, lanes), row)
 
     def go_on(path: Paths, alive: Array) -> tuple[Paths, Array]:
-        lane, sample, k = path.place
-        numbers = numbers_of(plan, tables, run, sample, *pixel_of(plan, tables, run, packet, lane))
+        k = path.event
+        numbers = numbers_of(plan, tables, run, path.sample, *pixel_of(plan, tables, run, packet, path.lane))
         walk = event(tables, replace(path.walk, alive=alive), numbers(k), False, k <= plan.max_depth)
+        assert walk.alive is not None
         goes_on = walk.alive & ((k < plan.max_depth) | may_look(tables, walk))
-        return Paths(replace(walk, alive=None), jnp.stack([lane, sample, k + 1])), goes_on
+        return replace(path, walk=replace(walk, alive=None), event=k + 1), goes_on
 
     def turn(state: State) -> State:
         fresh = (state.count < lanes) & (state.sample < end)
         start = jnp.where(fresh, state.count, jnp.maximum(state.count - lanes, 0))
         there = index < jnp.where(fresh, lanes, state.count)
-        paths, goes_on = jax.vmap(go_on)(lax.cond(fresh, begin, once(rear), state, start), there)
+        paths = lax.cond(fresh, lambda: begin(state.sample), lambda: once(rear)(state.row, start))
+        paths, goes_on = jax.vmap(go_on)(paths, there)
         drawn = _drawn(state.drawn, paths, first, there & ~goes_on)
         paths, count = _closed_up(paths, there & goes_on)
         row = jax.tree.map(partial(_put, start), state.row, paths)
-        return State(row, start + count, state.sample + fresh, drawn)
+        return State(row, start + count, state.sample + fresh.astype(jnp.int32), drawn)
 
-    drawn = jnp.zeros((MOST * lanes, 3), tables.dtype)
-    one = jax.eval_shape(begin, State(None, None, first, None), first)  # type: ignore[arg-type]
-    row = jax.tree.map(lambda x: jnp.zeros((2 * lanes, *x.shape[1:]), x.dtype), one)
-    start = State(row, jnp.int32(0), first, drawn)
-    end_state = lax.while_loop(lambda state: (state.count > 0) | (state.sample < end), turn, start)
-    return end_state.drawn.reshape(MOST, lanes, 3)
+    row = jax.tree.map(lambda x: jnp.zeros((2 * lanes, *x.shape[1:]), x.dtype), jax.eval_shape(begin, first))
+    state = State(row, jnp.int32(0), first, jnp.zeros((MOST * lanes, 3), tables.dtype))
+    state = lax.while_loop(lambda state: (state.count > 0) | (state.sample < end), turn, state)
+    return state.drawn.reshape(MOST, lanes, 3)
 
 
 def _drawn(drawn: Array, paths: Paths, first: Array, ended: Array) -> Array:
@@ -99,8 +100,8 @@ def _drawn(drawn: Array, paths: Paths, first: Array, ended: Array) -> Array:
     lanes = ended.size
 
     def draw(i: Array, drawn: Array) -> tuple[Array]:
-        lane, sample, _ = paths.place[i]
-        return (_put((sample - first) * lanes + lane, drawn, _some(paths.walk.radiance, i)),)
+        place = (paths.sample[i] - first) * lanes + paths.lane[i]
+        return (_put(place, drawn, _some(paths.walk.radiance, i)),)
 
     return _each(draw, ended, drawn)[0]
 
