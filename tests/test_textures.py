@@ -418,7 +418,7 @@ def test_marks_add_up_rows_past_what_float32_counts():
 
     texels, rows = jnp.zeros((9000, 3)), jnp.asarray([8999, 3, 4096, 3], jnp.int32)
     weights, change = jnp.asarray([0.1, 0.2, 0.3, 0.4]), jnp.asarray([1.0, 2.0, 3.0])
-    (mark,) = jax.vjp(lambda mark: read(texels, rows, weights, mark), jnp.zeros(15))[1](change)
+    (mark,) = jax.vjp(lambda mark: read(texels, list(zip(rows, weights, strict=True)), mark), jnp.zeros(15))[1](change)
     sums = jax.jit(add_marks)(jnp.zeros((9000, 6)), mark[None])
     wanted = np.zeros((9000, 3))
     np.add.at(wanted, np.asarray(rows), np.outer(weights, change))
