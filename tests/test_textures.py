@@ -465,6 +465,8 @@ def test_pictures_that_a_field_names_are_found_from_another_folder(folder):
         {"materials.albedo[paint]": np.asarray([0.5, 0.25, 1], np.float32)},
         {brought: np.full((4, 6, 3), 0.25, np.float32)},
         {"materials.albedo[square.obj:wood]": np.asarray([0.5, 0.25, 1], np.float32)},
+        # The file is left behind, but not what came with it
+        {"meshes.vertices[0]": np.asarray([-1.5, -1, 0], np.float32)},
     ):
         selectors = {text: parse_selector(text, scene) for text in values}
         write_scene(source, out / "fitted.toml", values, selectors, description)
@@ -473,7 +475,9 @@ def test_pictures_that_a_field_names_are_found_from_another_folder(folder):
         np.testing.assert_allclose(again.textures["wood"].texels, linear, atol=1e-6)
         built = jaxrt.parameters(jaxrt.build(again))
         np.testing.assert_allclose(built["materials.albedo"][0], values.get("materials.albedo[paint]", [0.5] * 3))
-        assert brought not in values or np.allclose(built[brought], 0.25)
+        wanted = values.get(brought, linear)
+        np.testing.assert_allclose(built[brought], wanted, atol=1e-6)
+        np.testing.assert_array_equal(again.meshes[0].uv, description.meshes[0].uv)
 
 
 @pytest.mark.parametrize("shape", [(128, 128, 3), (5, 7, 3), (1, 9, 3), (2, 2, 1)])
