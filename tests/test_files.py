@@ -511,6 +511,55 @@ def test_base_colours_of_a_glb_file_become_diffuse_materials(tmp_path):
     assert not none and not {"materials", "textures", "face_materials"} & bare.keys()
 
 
+def test_materials_of_a_glb_file_are_principled_where_asked_for(tmp_path):
+    """By default of metal as rough as can be; the picture's blue is metal, its green roughness, both linear."""
+    picture = {"baseColorTexture": {"index": 0}, "metallicRoughnessTexture": {"index": 0}}
+    smooth = {"metallicFactor": 0, "roughnessFactor": 0.01, "metallicRoughnessTexture": {"index": 0}}
+    looks = [{"pbrMetallicRoughness": picture | {"roughnessFactor": 0.5}}, {"pbrMetallicRoughness": smooth}, {}]
+    linear = painted_glb(tmp_path / "a.glb", looks)
+    mesh, (told,) = load(tmp_path / "a.glb", materials="principled")
+    assert told.endswith("a.glb: roughness below 0.05 is taken as 0.05")
+    white, rough = {"type": "principled", "albedo": [1, 1, 1]}, "a_wood_grain_roughness"
+    colour = {"albedo": {"texture": "a_wood_grain", "factor": [1, 1, 1]}}
+    assert list(mesh["materials"].values()) == [
+        white
+        | colour
+        | {
+            "metallic": {"texture": "a_wood_grain_metallic", "factor": 1},
+            "roughness": {"texture": rough, "factor": 0.5},
+        },
+        white | {"metallic": 0, "roughness": {"texture": rough, "factor": 0.05}},
+        white | {"metallic": 1, "roughness": 1},
+    ]
+    for field, channel in (("metallic", 2), ("roughness", 1)):
+        shares = srgb_decode(mesh["textures"][f"a_wood_grain_{field}"]["texels"])
+        np.testing.assert_allclose(shares, linear[..., channel], atol=1e-6)
+    painted_glb(tmp_path / "a.glb", looks[:1])
+    scene = "camera = {position = [0, 0, 9], width = 8, height = 8}\nenvironment = {radiance = [1, 1, 1]}\n[[meshes]]\n"
+    (tmp_path / "a.toml").write_text(scene + 'file = "a.glb"\nmaterials = "principled"\n')
+    found = jaxrt.parameters(jaxrt.load_scene(tmp_path / "a.toml"))
+    assert (found["materials.metallic"], found["materials.roughness"]) == (1, 0.5)
+    np.testing.assert_allclose(
+        found["textures.a_wood_grain_metallic"][..., 0], mesh["textures"]["a_wood_grain_metallic"]["texels"]
+    )
+
+
+@pytest.mark.parametrize(
+    ("file", "more", "says"),
+    [
+        ("a.glb", 'materials = "shiny"', 'a.glb: materials: "shiny" is unknown'),
+        ("a.glb", 'materials = "principled"\nmaterial = "a"', '"material" and "materials" exclude each other: leave'),
+        ("a.ply", 'materials = "principled"', 'only those of GLB files can be "principled": leave it out'),
+    ],
+)
+def test_types_of_materials_that_cannot_be_are_told(tmp_path, file, more, says):
+    painted_glb(tmp_path / "a.glb", [{}])
+    (tmp_path / "a.ply").write_text("ply")
+    (tmp_path / "a.toml").write_text(f'[[meshes]]\nfile = "{file}"\n{more}\n')
+    with pytest.raises(jaxrt.SceneError, match=says):
+        jaxrt.load_scene(tmp_path / "a.toml")
+
+
 def test_base_colours_are_multiplied_by_colours_at_vertices(tmp_path):
     material = {"pbrMetallicRoughness": MATT | {"baseColorFactor": [0.5, 0.25, 1, 1]}}
     painted_glb(tmp_path / "a.glb", [material], colors=True)

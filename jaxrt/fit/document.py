@@ -46,6 +46,12 @@ def write_scene(
             _put_texels(document, text, value, scene, path)
         else:
             _put(document, selectors[text], text, value, scene)
+    for name in _left_behind(document, scene):
+        if isinstance(scene.textures[name], VertexColors):
+            document.setdefault("textures", {})[name] = {"type": "vertex_colors"}
+        else:
+            _put_texels(document, TEXTURES + name, scene.textures[name].texels, scene, path)
+            written.add(f"{path.stem}.{name}.exr")
     _move_pictures(document, source, path, written)
     for mesh in document.get("meshes", []):
         # Names of files stay right in another folder
@@ -135,6 +141,13 @@ def _put_texels(document: Any, text: str, value: Floats, scene: SceneDescription
     table["file"] = file.name
 
 
+def _left_behind(document: Any, scene: SceneDescription) -> list[str]:
+    """Return the textures that came along with mesh files of which only arrays are left in the document."""
+    pairs = zip(scene.meshes, document.get("meshes", []), strict=True)
+    names = [name for mesh, table in pairs if mesh.file and "file" not in table for name in mesh.textures or {}]
+    return [name for name in dict.fromkeys(names) if name not in document.get("textures", {})]
+
+
 def _move_pictures(document: Any, source: Path, path: Path, written: set[str]) -> None:
     """Let names of pictures be right in another folder; those that are written are already."""
 
@@ -191,6 +204,8 @@ def _write_out(table: Any, mesh: MeshDescription, text: str) -> None:
             f"jaxrt.fit in Python, or a mesh of at most {MOST_FACES}"
         )
     del table["file"]
-    table["vertices"], table["faces"] = mesh.vertices.tolist(), mesh.faces.tolist()
+    for key in ("vertices", "faces", "uv", "face_uv", "colors"):
+        if (rows := getattr(mesh, key)) is not None:
+            table[key] = rows.tolist()
     if mesh.material is None and mesh.face_materials is not None:
         table["materials"], table["face_materials"] = mesh.materials, mesh.face_materials.tolist()

@@ -81,10 +81,15 @@ def _with_mesh_file(mesh: Any, path: Path, number: int, allow_folders: Folders) 
     for key in ("vertices", "faces"):
         if key in mesh:
             raise SceneError(f'{path}: {place}: {show(key)} and "file" exclude each other: leave one out')
+    wanted: bool | str = "material" not in mesh
+    if isinstance(mesh.get("materials"), str):
+        if not wanted:
+            raise SceneError(f'{path}: {place}: "material" and "materials" exclude each other: leave one out')
+        wanted, mesh = mesh["materials"], {key: value for key, value in mesh.items() if key != "materials"}
     # A folder of scenes beside a folder of meshes is usual
     named = named_file(file, path, f"{place}.file", (path.parent / "..", *allow_folders))
     try:
-        return read_mesh(named, "material" not in mesh, allow_folders) | mesh
+        return read_mesh(named, wanted, allow_folders) | mesh
     except SceneError as error:
         raise SceneError(f"{path}: {place}.file: {error}") from None
 

@@ -13,6 +13,7 @@ from jaxrt.core.maths import FAR, cross, dot, grad_only, normalize, safe_divide,
 from jaxrt.core.pytree import pytree, static
 from jaxrt.core.records import Chart, Ray, SurfacePoint
 from jaxrt.kernels.gather import take
+from jaxrt.kernels.native import once
 from jaxrt.shapes.adjacency import MeshEdges
 from jaxrt.shapes.edges import Corner, along_axis, edge_functions, hit_distance, main_axis, shear
 from jaxrt.shapes.search.boxes import Tree, tree_of
@@ -148,7 +149,8 @@ def triangle_surface_point(table: TriangleTable, ray: Ray, i: Array) -> SurfaceP
     slope = dot(normal, ray.direction)
     beta, gamma = safe_divide(dot(edge2, q), -slope), safe_divide(dot(edge1, q), slope)
     beta, gamma = jnp.clip(beta, 0, 1), jnp.clip(gamma, 0, 1)
-    hit1, hit2 = _hit_weights(*lax.stop_gradient((corners, ray)))
+    # Once: else each coordinate of what follows, and of textures, finds them anew
+    hit1, hit2 = once(_hit_weights)(*lax.stop_gradient((corners, ray)))
     beta, gamma = hit1 + grad_only(beta), hit2 + grad_only(gamma)
     p = a + beta * edge1 + gamma * edge2
     unit, error = normalize(normal), take(table.error, i)

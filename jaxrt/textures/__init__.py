@@ -5,17 +5,18 @@ stand in one table, so that a ray reads four rows of it whatever the number of t
 """
 
 from dataclasses import replace
+from itertools import zip_longest
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax import Array, lax
+from jax import Array
 
 from jaxrt.core.pytree import pytree, static
 from jaxrt.core.records import Chart
 from jaxrt.kernels.gather import take
 from jaxrt.textures import checker, image
-from jaxrt.textures.recording import mix, read
+from jaxrt.textures.recording import Tap, mix, read
 
 SORTS = ("image", "checker", "vertex_colors")
 
@@ -80,37 +81,40 @@ def color_at(textures: Textures, number: Array, chart: Chart | None, mark: Array
 
     mark: (15,) as in `recording.read`.
     """
-    chart = chart or Chart()
-    layout, own = textures.layout, jnp.maximum(number, 0)
-    rows, weights = jnp.zeros(4, jnp.int32), jnp.zeros(4, textures.texels.dtype)
-    white = number < 0
+    layout, own, white = textures.layout, jnp.maximum(number, 0), number < 0
+    taps: list[Tap] = []
     sort = take(layout.sort, own)
     for name in textures.sorts:
         here = sort == SORTS.index(name)
-        found = _taps(name, layout, own, chart)
+        found = _taps(name, layout, own, chart or Chart())
         if found is None:
             white = white | here
-        elif len(textures.sorts) == 1:
-            rows, weights = found
         else:
-            rows, weights = (jnp.where(here, a, b) for a, b in zip(found, (rows, weights), strict=True))
+            taps = [_chosen(here, *pair) for pair in zip_longest(found, taps, fillvalue=(0, 0))] if taps else found
+    if not taps:
+        return jnp.ones(3, textures.texels.dtype)
+    first = take(layout.first, own)
     # Who has no texture reads the same few rows as all such, which are in the cache
-    rows = jnp.where(white, 0, take(layout.first, own) + rows)
-    color = mix(take(textures.texels, rows), weights) if mark is None else read(textures.texels, rows, weights, mark)
+    taps = [(jnp.where(white, 0, first + row), weight) for row, weight in taps]
+    color = mix(textures.texels, taps) if mark is None else read(textures.texels, taps, mark)
     return jnp.where(white, 1, color)
 
 
-def _taps(sort: str, layout: Layout, number: Array, chart: Chart) -> tuple[Array, Array] | None:
-    """Return rows (4,) of a texture and their weights (4,), None on surfaces that have no place for its sort."""
+def _chosen(here: Array, own: Any, other: Any) -> Tap:
+    """Return one of two rows, each with its weight. A sort that takes fewer rows has 0s in their places."""
+    return jnp.where(here, own[0], other[0]), jnp.where(here, own[1], other[1])
+
+
+def _taps(sort: str, layout: Layout, number: Array, chart: Chart) -> list[Tap] | None:
+    """Return rows of a texture and their weights, None on surfaces that have no place for its sort."""
     if sort == "vertex_colors":
         if chart.vertices is None or chart.shares is None:
             return None
-        return jnp.append(chart.vertices, 0), jnp.append(chart.shares, 0)
+        return list(zip(chart.vertices, chart.shares, strict=True))
     if chart.uv is None:
         return None
     uv = chart.uv * take(layout.scale, number)
     if sort == "checker":
-        row = checker.row(uv)
-        return jnp.stack([row, *[jnp.zeros_like(row)] * 3]), lax.stop_gradient(jnp.asarray([1, 0, 0, 0], uv.dtype))
+        return [(checker.row(uv), jnp.ones((), uv.dtype))]
     height, width = take(layout.size, number)
     return image.taps(uv, (height, width), take(layout.clamp, number))

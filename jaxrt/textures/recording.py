@@ -5,6 +5,9 @@ would run over all texels many times. Here a lookup has a mark, zeros that it se
 the mark" tells the rows, their weights and the derivative in the colour: `add_marks` adds these to one table, in order.
 """
 
+from collections.abc import Sequence
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,31 +16,37 @@ from jax import Array, lax
 from jaxrt.core.maths import kahan_add
 from jaxrt.kernels.gather import take
 
-WIDTH = 15  # numbers of a mark: four rows in two parts each, their weights, three channels
+Tap = tuple[Array, Array]  # () int32 row of a table, and its weight ()
+
+TAPS = 4  # of a lookup, at most
+WIDTH = 3 * TAPS + 3  # numbers of a mark: rows in two parts each, their weights, three channels
 PART = 4096  # of a row's number, since float32 counts to 2^24 alone
 
 
-def mix(colors: Array, weights: Array) -> Array:
-    """Return the sum (3,) of colours (4, 3) by weights (4,); not as a matrix product, whose bits accelerators drop."""
-    return jnp.sum(weights[:, None] * colors, 0)
+def mix(texels: Array, taps: Sequence[Tap]) -> Array:
+    """Return the sum (3,) of rows of a table (n, 3), by their weights."""
+    # One by one: of an array of rows, XLA's CPU backend would find each anew for each channel
+    parts = [weight * take(texels, row) for row, weight in taps]
+    return sum(parts[1:], parts[0])
 
 
 @jax.custom_vjp
-def read(texels: Array, rows: Array, weights: Array, mark: Array) -> Array:
-    """Return the sum (3,) of rows (4,) of a table (n, 3), by weights (4,). No derivative is taken in the table."""
-    return mix(take(texels, rows), weights)
+def read(texels: Array, taps: list[Tap], mark: Array) -> Array:
+    """Return what `mix` does, of up to `TAPS`. No derivative is taken in the table."""
+    return mix(texels, taps)
 
 
-def _forward(texels: Array, rows: Array, weights: Array, mark: Array) -> tuple[Array, tuple[Array, Array, Array]]:
-    colors = take(texels, rows)
-    return mix(colors, weights), (rows, weights, colors)
+def _forward(texels: Array, taps: list[Tap], mark: Array) -> tuple[Array, tuple[list[Tap], list[Array]]]:
+    return mix(texels, taps), (taps, [take(texels, row) for row, _ in taps])
 
 
-def _backward(kept: tuple[Array, Array, Array], change: Array) -> tuple[None, np.ndarray, Array, Array]:
-    rows, weights, colors = kept
-    parts = jnp.concatenate([rows // PART, rows % PART]).astype(change.dtype)
-    slopes = jnp.sum(colors * change[None], -1)
-    return None, np.zeros(rows.shape, jax.dtypes.float0), slopes, jnp.concatenate([parts, weights, change])
+def _backward(kept: tuple[list[Tap], list[Array]], change: Array) -> tuple[None, list[Any], Array]:
+    taps, colors = kept
+    told = [(row // PART, row % PART, weight) for row, weight in taps]
+    told += [(jnp.zeros_like(change[0]),) * 3] * (TAPS - len(taps))
+    numbers = [part.astype(change.dtype) for parts in zip(*told, strict=True) for part in parts]
+    slopes = [(np.zeros((), jax.dtypes.float0), jnp.sum(color * change)) for color in colors]
+    return None, slopes, jnp.concatenate([jnp.stack(numbers), change])
 
 
 read.defvjp(_forward, _backward)

@@ -41,8 +41,8 @@ _TRIANGLES = frozenset([4, 5, 6])
 Look = Floats | int  # rows of vertices, or how many have none
 
 
-def read_glb(data: bytes, path: Path, allow_folders: Folders, materials: bool) -> tuple[Mesh, dict[str, Any]]:
-    """Return the mesh in a GLB file, and its materials where they are wanted.
+def read_glb(data: bytes, path: Path, allow_folders: Folders, materials: bool | str) -> tuple[Mesh, dict[str, Any]]:
+    """Return the mesh in a GLB file, and its materials where they are wanted, of what type.
 
     Raises SceneError with the place in its JSON.
     """
@@ -54,7 +54,7 @@ def read_glb(data: bytes, path: Path, allow_folders: Folders, materials: bool) -
         if not materials:
             return mesh, {}
         has = mesh.uv is not None, mesh.colors is not None
-        table, notes = glb_materials(reader.accessors, path, reader.materials, *has)
+        table, notes = glb_materials(reader.accessors, path, reader.materials, *has, materials == "principled")
         return mesh, table | {"notes": notes}
     except Broken as error:
         raise SceneError(f"{source}: {error}") from None
