@@ -7,6 +7,7 @@ import pytest
 
 import jaxrt
 from jaxrt.core.records import Ray
+from jaxrt.kernels.bits import leading, masks
 from jaxrt.transport import regeneration
 from jaxrt.transport.path import Walk
 from jaxrt.transport.regeneration import MOST, Paths
@@ -29,7 +30,7 @@ def in_the_open() -> jaxrt.Scene:
     spheres = [{"center": center, "radius": 0.5, "material": name} for name, center in balls.items()]
     return jaxrt.build(
         {
-            "camera": {"position": [0, 1.5, 5], "target": [0, 0.5, 0], "fov": 40, "width": 40, "height": 24},
+            "camera": {"position": [0, 1.5, 5], "target": [0, 0.5, 0], "fov": 40, "width": 20, "height": 12},
             "materials": kinds,
             "spheres": [{"center": [0, -1000, 0], "radius": 1000, "material": "floor"}, *spheres],
             "meshes": [
@@ -62,6 +63,12 @@ def test_a_picture_is_that_of_packets_without() -> None:
 
 
 @pytest.mark.quick
+def test_bits_that_lead() -> None:
+    for n in range(129):
+        np.testing.assert_array_equal(leading(jnp.int32(n), 4), masks(jnp.arange(128) < n))
+
+
+@pytest.mark.quick
 @pytest.mark.parametrize("n", [15, 128])
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.4, 0.98, 1.0])
 def test_those_alive_close_up_and_the_others_are_drawn(n: int, share: float) -> None:
@@ -70,17 +77,20 @@ def test_those_alive_close_up_and_the_others_are_drawn(n: int, share: float) -> 
     name = random.permutation(n).astype(np.int32)
     vectors = jnp.asarray(np.stack([name] * 3, -1), jnp.float32)
     walk = Walk(Ray(vectors, vectors + 1), vectors + 2, vectors + 3, jnp.asarray(name % 2 == 0))
-    first = jnp.int32(64)
-    paths = Paths(walk, jnp.asarray(name), jnp.asarray(name % 3) + first, jnp.asarray(name + 7))
-    closed, count = jax.jit(regeneration._closed_up)(paths, jnp.asarray(alive & there))
+    numbers = [jnp.asarray(n) for n in (name + 9, name, name % 3 + 64, name + 7)]
+    paths = Paths(walk, *numbers)
+    closed, count = jax.jit(regeneration._closed_up)(paths, masks(jnp.asarray(alive & there)))
     assert count == (alive & there).sum()
     left = np.asarray(closed.lane[:count])
     assert sorted(left) == sorted(name[alive & there])
     for leaf, change in zip(jax.tree.leaves(closed.walk)[:4], range(4), strict=True):
         np.testing.assert_array_equal(leaf[:count], np.stack([left + change] * 3, -1))
     np.testing.assert_array_equal(closed.walk.specular[:count], left % 2 == 0)
+    np.testing.assert_array_equal(closed.hit[:count], left + 9)
     np.testing.assert_array_equal(closed.event[:count], left + 7)
-    drawn = jax.jit(regeneration._drawn)(jnp.full((3 * n, 3), -1.0), paths, first, jnp.asarray(there & ~alive))
+    drawn = jax.jit(regeneration._drawn)(
+        jnp.full((3 * n, 3), -1.0), paths, jnp.int32(64), masks(jnp.asarray(there & ~alive))
+    )
     expected = np.full((3 * n, 3), -1.0)
     ended = name[there & ~alive]
     expected[ended % 3 * n + ended] = ended[:, None] + 3

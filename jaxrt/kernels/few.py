@@ -1,8 +1,8 @@
 """What few lanes of a packet need, computed for those alone.
 
 A `where` computes what it chooses from for all lanes. Here those that need it are gone through one by one, so that a
-packet costs what its own lanes ask for: less, while these are fewer than one in as many as a CPU computes at once. Both
-functions are for native kernels without derivative backwards, which would have to know how often a loop turns.
+packet costs what its own lanes ask for: less, while these are fewer than one in as many as a CPU computes at once. For
+native kernels without derivative backwards, which would have to know how often a loop turns.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.custom_batching import custom_vmap
 
-from jaxrt.kernels.bits import WORD, each, masks
+from jaxrt.kernels.bits import each_of, masks
 from jaxrt.kernels.native import in_native, in_stages
 
 
@@ -51,17 +51,12 @@ def _one_by_one(f: Callable[..., Any], flags: list[bool], needed: Array, operand
         own = [_row(x, lane) if flag else x for x, flag in zip(leaves, flags, strict=True)]
         return in_stages(f)(*jax.tree.unflatten(structure, own))
 
-    def of_word(word: Array, results: Any) -> Any:
-        def put(bit: Array, results: Any) -> tuple[Any]:
-            lane = WORD * word + bit
-            return (jax.tree.map(partial(_put, lane), results, one(lane)),)
+    def put(lane: Array, results: Any) -> tuple[Any]:
+        return (jax.tree.map(partial(_put, lane), results, one(lane)),)
 
-        return each(put, _row(words, word), results)[0]
-
-    words = masks(needed)
     shapes = jax.eval_shape(one, jnp.int32(0))
     nothing = jax.tree.map(lambda x: jnp.zeros((needed.size, *x.shape), x.dtype), shapes)
-    return lax.fori_loop(0, words.size, of_word, nothing)
+    return each_of(put, masks(needed), nothing)[0]
 
 
 def _put(i: Array, rows: Array, row: Array) -> Array:

@@ -196,49 +196,57 @@ def walk_along(tables: Tables, ray: Ray, specular: bool) -> Walk:
     return Walk(ray, ones, jnp.zeros_like(ones), jnp.full((), specular), pdf, alive, absorption)
 
 
-def event(
-    tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array], attached: bool, scatters: Array | None = None
-) -> Walk:
-    """Return the path one scattering event on. scatters: () bool, as of `event_at`."""
+def event(tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array], attached: bool) -> Walk:
+    """Return the path one scattering event on."""
     hit = checkpoint_name(once(find)(tables.geometry, walk.ray, walk.alive), _KEPT)
-    return event_at(tables, walk, hit, once(surface_point)(tables.geometry, walk.ray, hit), u, attached, scatters)
+    return event_at(tables, walk, hit, once(surface_point)(tables.geometry, walk.ray, hit), u, attached)
 
 
 def event_at(
-    tables: Tables,
-    walk: Walk,
-    hit: Hit,
-    point: SurfacePoint,
-    u: tuple[Array, ...],
-    attached: bool = False,
-    scatters: Array | None = None,
+    tables: Tables, walk: Walk, hit: Hit, point: SurfacePoint, u: tuple[Array, ...], attached: bool = False
 ) -> Walk:
-    """Return the path after its event at the point where its ray meets what it hits.
+    """Return the path after its event at the point where its ray meets what it hits. u: four numbers in [0, 1)."""
+    return depart(tables, arrive(tables, walk, hit, point), hit, point, u, attached)
 
-    u: four numbers in [0, 1). scatters: () bool; where not, the path sees what it hits, and ends. None: always.
+
+def arrive(tables: Tables, walk: Walk, hit: Hit, point: SurfacePoint | None = None) -> Walk:
+    """Return the walk with the light that its ray sees where it hits what it hits, and with what is left of its own.
+
+    point: where that is; None: to be found where it matters.
     """
-    wo = -walk.ray.direction
-    medium = None
     if walk.absorption is not None:
-        medium = Medium(walk.absorption, point, wo, *absorption_of(tables.materials, point))
-        walk = replace(walk, throughput=walk.throughput * jnp.where(hit.valid, medium.passed(), 1))
-    walk = _see(tables, walk, hit)
+        point = once(surface_point)(tables.geometry, walk.ray, hit) if point is None else point
+        passed = _medium(tables, walk, point).passed()
+        walk = replace(walk, throughput=walk.throughput * jnp.where(hit.valid, passed, 1))
+    return _see(tables, walk, hit)
+
+
+def _medium(tables: Tables, walk: Walk, point: SurfacePoint) -> Medium:
+    assert walk.absorption is not None
+    return Medium(walk.absorption, point, -walk.ray.direction, *absorption_of(tables.materials, point))
+
+
+def depart(
+    tables: Tables, walk: Walk, hit: Hit, point: SurfacePoint, u: tuple[Array, ...], attached: bool = False
+) -> Walk:
+    """Return the path gone on from the point where it has arrived, with the direct light there. u: as of `event_at`."""
+    wo = -walk.ray.direction
+    medium = None if walk.absorption is None else _medium(tables, walk, point)
     choice = checkpoint_name((u[2], u[3]), _KEPT)
-    going = hit.valid if scatters is None else hit.valid & scatters
-    live = None if walk.alive is None or not tables.sparse else going & walk.alive
+    live = None if walk.alive is None or not tables.sparse else hit.valid & walk.alive
     scattering = in_stages(scatter)(tables.materials, point, wo, choice, live)
     gathered = walk.radiance
     # Sample direct light
     if tables.lights is not None and tables.materials.are_lit:
-        lit = going & scattering.lit
+        lit = hit.valid & scattering.lit
         direct = _direct(tables, point, wo, scattering, walk.throughput, u[:2], attached, lit, medium)
         gathered = gathered + jnp.where(lit, direct, 0)
     # Go on
-    throughput = jnp.where(going, walk.throughput * scattering.weight, 0)
+    throughput = jnp.where(hit.valid, walk.throughput * scattering.weight, 0)
     # Derivatives want light samples alone: where a scattered ray hits a light, its edges would move
     pdf = jnp.zeros_like(walk.throughput[0]) if scattering.pdf is not None and attached else scattering.pdf
     # A sphere light, whose material comes last, ends it as well as nothing does
-    alive = None if walk.alive is None else going & (point.material < tables.materials.ends[2])
+    alive = None if walk.alive is None else hit.valid & (point.material < tables.materials.ends[2])
     absorption = None if medium is None else medium.beyond(scattering.direction)
     if tables.sparse and alive is not None:
         alive &= jnp.any(throughput != 0)
@@ -330,9 +338,8 @@ def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
             seen = seen + jnp.where(~hit.valid & (walk.pdf > 0), sky, 0)
     if tables.lights is not None and tables.lights.lights.have_size:
         lights, light = tables.lights.lights, hit.index - tables.first_light
-        n = lights.position.shape[0]
-        hit_light = hit.valid & (light >= 0) & (light < n)
-        shining = once(emitted_radiance)(lights, jnp.clip(light, 0, n - 1), walk.ray.origin)
+        hit_light = meets_light(tables, hit)
+        shining = once(emitted_radiance)(lights, jnp.clip(light, 0, lights.position.shape[0] - 1), walk.ray.origin)
         seen = jnp.where(hit_light & walk.specular, shining, seen)
         if walk.pdf is not None:
             met, way = hit_light & (walk.pdf > 0), (walk.ray.origin, walk.ray.direction, walk.pdf)
@@ -342,6 +349,14 @@ def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
                 share = in_stages(_ray_share)(tables.lights, light, *way)
             seen = jnp.where(met, shining * share, seen)
     return replace(walk, radiance=walk.radiance + walk.throughput * seen)
+
+
+def meets_light(tables: Tables, hit: Hit) -> Array:
+    """Return whether a ray hits a sphere light, () bool."""
+    if tables.lights is None or not tables.lights.lights.have_size:
+        return jnp.zeros((), bool)
+    light = hit.index - tables.first_light
+    return hit.valid & (light >= 0) & (light < tables.lights.lights.position.shape[0])
 
 
 def looks_at_last(tables: Tables) -> bool:
@@ -367,4 +382,4 @@ def last_look(tables: Tables, walk: Walk, hit: Hit | None = None) -> Array:
     """
     if not looks_at_last(tables):
         return walk.radiance
-    return _see(tables, walk, once(find)(tables.geometry, walk.ray, walk.alive) if hit is None else hit).radiance
+    return arrive(tables, walk, once(find)(tables.geometry, walk.ray, walk.alive) if hit is None else hit).radiance

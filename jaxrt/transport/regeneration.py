@@ -7,20 +7,20 @@ Havran & Dachsbacher 2010, van Antwerpen 2011). What a path brings does not depe
 kernels without derivative backwards, which would have to know how many turns there are.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.core.pytree import pytree
-from jaxrt.kernels.bits import WORD, each, masks
+from jaxrt.core.records import Hit
+from jaxrt.kernels.bits import each_of, leading, masks
 from jaxrt.kernels.native import once
+from jaxrt.shapes import find, surface_point
 from jaxrt.transport.film import Plan, Run, camera_ray, is_native, numbers_of, pixel_of
-from jaxrt.transport.path import Tables, Walk, event, may_look, walk_along
+from jaxrt.transport.path import Tables, Walk, arrive, depart, may_look, meets_light, walk_along
 
 MOST = 32  # samples whose light is kept before it is summed; the fewer, the more often a row runs out
 
@@ -30,6 +30,7 @@ class Paths:
     """Paths, or one."""
 
     walk: Walk  # in the row without `alive`, for all of it are
+    hit: Array  # () int32 primitive that its ray hits
     lane: Array  # () int32 of its pixel in the packet
     sample: Array  # () int32
     event: Array  # () int32 number of its next event
@@ -59,56 +60,69 @@ def draw_paths(plan: Plan, tables: Tables, run: Run, first: Array, end: Array, p
     lanes, tables = plan.lanes, replace(tables, sparse=True)
     index = jnp.arange(lanes, dtype=jnp.int32)
 
-    def begin(sample: Array) -> Paths:
-        def one(lane: Array) -> Paths:
+    def begin(sample: Array) -> tuple[Paths, Array]:
+        def one(lane: Array) -> tuple[Paths, Array]:
             x, y = pixel_of(plan, tables, run, packet, lane)
-            ray = camera_ray(plan, tables, numbers_of(plan, tables, run, sample, x, y), x, y)
-            return Paths(replace(walk_along(tables, ray, True), alive=None), lane, sample, jnp.ones_like(lane))
+            walk = walk_along(tables, camera_ray(plan, tables, numbers_of(plan, tables, run, sample, x, y), x, y), True)
+            return Paths(replace(walk, alive=None), jnp.zeros_like(lane), lane, sample, jnp.ones_like(lane)), jnp.ones(
+                (), bool
+            )
 
         return jax.vmap(one)(index)
+
+    def go_on(row: Paths, start: Array, there: Array) -> tuple[Paths, Array]:
+        def one(path: Paths, there: Array) -> tuple[Paths, Array]:
+            k, walk, hit = path.event, replace(path.walk, alive=there), Hit(path.hit, there)
+            numbers = numbers_of(plan, tables, run, path.sample, *pixel_of(plan, tables, run, packet, path.lane))
+            point = once(surface_point)(tables.geometry, walk.ray, hit)
+            walk = depart(tables, walk, hit, point, numbers(k))
+            assert walk.alive is not None
+            looks = walk.alive & ((k < plan.max_depth) | may_look(tables, walk))
+            return replace(path, walk=replace(walk, alive=None), event=k + 1), looks
+
+        return jax.vmap(one)(once(rear)(row, start), there)
 
     def rear(row: Paths, start: Array) -> Paths:
         return jax.tree.map(lambda x: _some(x, start, lanes), row)
 
-    def go_on(path: Paths, alive: Array) -> tuple[Paths, Array]:
-        k = path.event
-        numbers = numbers_of(plan, tables, run, path.sample, *pixel_of(plan, tables, run, packet, path.lane))
-        walk = event(tables, replace(path.walk, alive=alive), numbers(k), False, k <= plan.max_depth)
-        assert walk.alive is not None
-        goes_on = walk.alive & ((k < plan.max_depth) | may_look(tables, walk))
-        return replace(path, walk=replace(walk, alive=None), event=k + 1), goes_on
+    def look(path: Paths, looks: Array) -> tuple[Paths, Array]:
+        hit = once(find)(tables.geometry, path.walk.ray, looks)
+        goes_on = hit.valid & (path.event <= plan.max_depth) & ~meets_light(tables, hit)
+        return replace(path, walk=arrive(tables, path.walk, hit), hit=hit.index), goes_on
 
     def turn(state: State) -> State:
         fresh = (state.count < lanes) & (state.sample < end)
         start = jnp.where(fresh, state.count, jnp.maximum(state.count - lanes, 0))
-        there = index < jnp.where(fresh, lanes, state.count)
-        paths = lax.cond(fresh, lambda: begin(state.sample), lambda: once(rear)(state.row, start))
-        paths, goes_on = jax.vmap(go_on)(paths, there)
-        drawn = _drawn(state.drawn, paths, first, there & ~goes_on)
-        paths, count = _closed_up(paths, there & goes_on)
+        size = jnp.where(fresh, lanes, state.count - start)
+        paths, looks = lax.cond(fresh, lambda: begin(state.sample), lambda: go_on(state.row, start, index < size))
+        paths, goes_on = jax.vmap(look)(paths, looks)
+        alive = masks(goes_on)
+        drawn = _drawn(state.drawn, paths, first, leading(size, alive.size) & ~alive)
+        paths, count = _closed_up(paths, alive)
         row = jax.tree.map(partial(_put, start), state.row, paths)
         return State(row, start + count, state.sample + fresh.astype(jnp.int32), drawn)
 
-    row = jax.tree.map(lambda x: jnp.zeros((2 * lanes, *x.shape[1:]), x.dtype), jax.eval_shape(begin, first))
+    row = jax.tree.map(lambda x: jnp.zeros((2 * lanes, *x.shape[1:]), x.dtype), jax.eval_shape(begin, first)[0])
     state = State(row, jnp.int32(0), first, jnp.zeros((MOST * lanes, 3), tables.dtype))
     state = lax.while_loop(lambda state: (state.count > 0) | (state.sample < end), turn, state)
     return state.drawn.reshape(MOST, lanes, 3)
 
 
 def _drawn(drawn: Array, paths: Paths, first: Array, ended: Array) -> Array:
-    """Return what is drawn with what the paths have brought that have `ended`."""
-    lanes = ended.size
+    """Return what is drawn with what the paths have brought that have `ended`, as bits."""
+    lanes = paths.lane.shape[0]
 
     def draw(i: Array, drawn: Array) -> tuple[Array]:
         place = (paths.sample[i] - first) * lanes + paths.lane[i]
         return (_put(place, drawn, _some(paths.walk.radiance, i)),)
 
-    return _each(draw, ended, drawn)[0]
+    return each_of(draw, ended, drawn)[0]
 
 
 def _closed_up(paths: Paths, alive: Array) -> tuple[Paths, Array]:
-    """Return the paths with those in front that are alive, and how many these are."""
-    count, index = jnp.sum(alive, dtype=jnp.int32), jnp.arange(alive.size, dtype=jnp.int32)
+    """Return the paths with those in front that are `alive`, as bits, and how many these are."""
+    count = jnp.sum(lax.population_count(alive), dtype=jnp.int32)
+    front = leading(count, alive.size)
 
     def tell(i: Array, gaps: Array, n: Array) -> tuple[Array, Array]:
         return _put(n, gaps, i[None]), n + 1
@@ -116,18 +130,8 @@ def _closed_up(paths: Paths, alive: Array) -> tuple[Paths, Array]:
     def fill(i: Array, paths: Paths, n: Array) -> tuple[Paths, Array]:
         return jax.tree.map(lambda x: _put(gaps[n], x, _some(x, i)), paths), n + 1
 
-    gaps = _each(tell, ~alive & (index < count), index, jnp.int32(0))[0]
-    return _each(fill, alive & (index >= count), paths, jnp.int32(0))[0], count
-
-
-def _each(one: Callable[..., tuple[Any, ...]], chosen: Array, *found: Any) -> tuple[Any, ...]:
-    """Return what is found after one(number, *found) for each that is chosen, in order."""
-    words = masks(chosen)
-
-    def of_word(w: Array, found: tuple[Any, ...]) -> tuple[Any, ...]:
-        return each(lambda bit, *found: one(WORD * w + bit, *found), words[w], *found)
-
-    return lax.fori_loop(0, words.size, of_word, found)
+    gaps = each_of(tell, front & ~alive, jnp.zeros_like(paths.lane), jnp.int32(0))[0]
+    return each_of(fill, alive & ~front, paths, jnp.int32(0))[0], count
 
 
 def _some(x: Array, i: Array, n: int = 1) -> Array:
