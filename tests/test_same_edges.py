@@ -20,6 +20,7 @@ from benchmarks.edge_rows import bumps
 from benchmarks.edge_scenes import Description, ball, box, quad, scene
 from benchmarks.ladder import build
 from jaxrt.boundary import clearance_of, sample_edges, splat
+from jaxrt.boundary.lines import _weights
 from jaxrt.boundary.lines.chains import MISSED, Lamp, blocker, chain_from
 from jaxrt.core.maths import normalize
 from jaxrt.core.records import Ray
@@ -130,3 +131,40 @@ def test_no_shadow_is_looked_for_where_nothing_is_lit_any_more():
 
     assert blocked(1) == MISSED
     assert blocked(2) >= 0
+
+
+@pytest.mark.usefixtures("quick_compilation")
+def test_a_lamp_between_looks_at_its_mirror_image_is_looked_for():
+    """It is a twentieth of a pixel wide, so that nearly all looks at the corners of pixels miss it."""
+    lamp, radius, center, r = np.array([-2.0, 5, 4]), 0.1, np.array([0, 1.2, -2.5]), 1.3
+    eye, size = np.array([0.0, 1, 7]), 16
+    here = jaxrt.build(
+        {
+            "camera": {"position": eye.tolist(), "target": [0, 1, 0], "fov": 30, "width": size, "height": size},
+            "materials": {"mirror": {"type": "mirror", "albedo": [0.9, 0.9, 0.9]}},
+            "spheres": [ball("mirror", "mirror", center.tolist(), r)],
+            "lights": [{"position": lamp.tolist(), "intensity": 40, "radius": radius}],
+        }
+    )
+    # Where the ball mirrors the camera's rays to the lamp
+    places = (np.arange(128 * size) + 0.5) / 128
+    y, x = np.meshgrid(places, places, indexing="ij")
+    ray = np.stack([x - size / 2, size / 2 - y, np.full_like(x, -size / 2 / np.tan(np.radians(15)))], -1)
+    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+    away = eye - center
+    half = ray @ away
+    root = half**2 - away @ away + r * r
+    hit = root > 0
+    point = away - (half + np.sqrt(np.where(hit, root, 0)))[..., None] * ray
+    normal = point / r
+    on = ray - 2 * (ray * normal).sum(-1, keepdims=True) * normal
+    toward = lamp - center - point
+    along = (toward * on).sum(-1)
+    shows = hit & (along > 0) & ((toward**2).sum(-1) - along**2 < radius**2)
+    assert 0 < shows.sum() < (128 / 4) ** 2
+    pixel = int(y[shows].mean()) * size + int(x[shows].mean())
+    weights = jax.jit(partial(_weights, plan(1024, 1, geometry=True), tables_of(here)))
+    found = [np.asarray(weights(jnp.uint32(seed))) for seed in range(8)]
+    assert all(each[pixel] > 0.9 * each.max() for each in found)
+    # Not by marking all
+    assert all((each > 0.9 * each.max()).mean() < 0.1 for each in found)
