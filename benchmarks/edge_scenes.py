@@ -287,7 +287,7 @@ def sky_rows() -> list[Row]:
     rows += [Row("ball over plane, sky, height", "ball over plane", ball, "y", 0.03, 0.03)]
     for name, step in (("round mesh", 0.03), ("smooth mesh", 0.02), ("box", 0.03)):
         rows += [Row(f"{name} over floor, sky, height", name, mesh, "y", 0.03, step)]
-    rows += [Row("box over floor, sky, turn", "box", mesh, "turn", 0.03, 0.015)]
+    rows += [Row("box over floor, sky, turn", "box", mesh, "turn", 0.03, 0.03)]
     rows += [Row("cube alone, sky, depth 3, z", "cube alone", mesh, "z", 0.03, 0.03, 3)]
     for motion in ("x", "y", "z", "turn", "scale"):
         rows += [Row(f"box, sky .1 beside a lamp, {motion}", "box beside a lamp", mesh, motion, 0.03, 0.03)]
@@ -332,7 +332,7 @@ def chain_rows() -> list[Row]:
         Row("mirror ball, ball x", "mirror ball", ball, "x", 0.05, 0.05, 2, fd_spp=chance),
         Row("mirror ball, light x", "mirror ball", "lights.position[0]", "x", 0.05, far, 2, fd_spp=chance),
         Row("mirror ball, camera x", "mirror ball", "camera.position", "x", 0.05, 0.05, 2, fd_spp=chance),
-        Row("flat mirror, ball x", "flat mirror", ball, "x", 0.05, 0.015, 3),
+        Row("flat mirror, ball x", "flat mirror", ball, "x", 0.05, 0.03, 3),
         Row("flat mirror, ball radius", "flat mirror", "spheres.radius[ball]", "one", 0.05, 0.03, 3),
         Row("flat mirror, camera x", "flat mirror", "camera.position", "x", 0.05, 0.015, 3),
         Row("glass ball, ball x", "glass ball", ball, "x", 0.05, 0.025, 4, fd_spp=chance),
