@@ -54,7 +54,7 @@ from jaxrt.transport.outputs import first_met
 from jaxrt.transport.path import Tables, radiance, tables_of
 
 STEPS = 4  # parts of a line where chains are looked at; one where the camera's rays alone are
-HALVINGS = 8  # of a part, until both ends see what lies on either side of one edge
+HALVINGS = 14  # of a part, until both ends see what lies on either side of one edge
 ASIDE = 1e-3  # pixels: as near to its border no triangle is taken to cross another; what touches does not cross
 FAINT = 0.02  # weight of a difference that another sampler has, in all likelihood
 ELSEWHERE = 0.1  # share of the samples outside of where a look at the picture finds edges
