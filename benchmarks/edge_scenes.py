@@ -285,8 +285,8 @@ def sky_rows() -> list[Row]:
             for word, axis in (("height", "y"), ("sideways", "x"))
         ]
     rows += [Row("ball over plane, sky, height", "ball over plane", ball, "y", 0.03, 0.03)]
-    for name in ("round mesh", "smooth mesh", "box"):
-        rows += [Row(f"{name} over floor, sky, height", name, mesh, "y", 0.03, 0.03)]
+    for name, step in (("round mesh", 0.03), ("smooth mesh", 0.02), ("box", 0.03)):
+        rows += [Row(f"{name} over floor, sky, height", name, mesh, "y", 0.03, step)]
     rows += [Row("box over floor, sky, turn", "box", mesh, "turn", 0.03, 0.03)]
     rows += [Row("cube alone, sky, depth 3, z", "cube alone", mesh, "z", 0.03, 0.03, 3)]
     for motion in ("x", "y", "z", "turn", "scale"):
@@ -325,18 +325,19 @@ def chain_rows() -> list[Row]:
     """Return what is seen in mirrors and through glass, and the indirect light of a moved ball."""
     ball = "spheres.center[ball]"
     name = "ball in a corner, indirect part, depth 3"
-    rows = [Row(f"{name}, {k}", "ball in a corner", ball, k, 0.05, 0.05, 3, less=1) for k in "xy"]
+    steps = {"x": 0.05, "y": 0.03}
+    rows = [Row(f"{name}, {k}", "ball in a corner", ball, k, 0.05, steps[k], 3, less=1) for k in "xy"]
     far, chance = 0.1, 8192
     return rows + [
         Row("mirror ball, ball x", "mirror ball", ball, "x", 0.05, 0.05, 2, fd_spp=chance),
         Row("mirror ball, light x", "mirror ball", "lights.position[0]", "x", 0.05, far, 2, fd_spp=chance),
-        Row("mirror ball, camera x", "mirror ball", "camera.position", "x", 0.05, far, 2, fd_spp=chance),
+        Row("mirror ball, camera x", "mirror ball", "camera.position", "x", 0.05, 0.05, 2, fd_spp=chance),
         Row("flat mirror, ball x", "flat mirror", ball, "x", 0.05, 0.03, 3),
         Row("flat mirror, ball radius", "flat mirror", "spheres.radius[ball]", "one", 0.05, 0.03, 3),
-        Row("flat mirror, camera x", "flat mirror", "camera.position", "x", 0.05, 0.03, 3),
-        Row("glass ball, ball x", "glass ball", ball, "x", 0.05, 0.05, 4, fd_spp=chance),
+        Row("flat mirror, camera x", "flat mirror", "camera.position", "x", 0.05, 0.015, 3),
+        Row("glass ball, ball x", "glass ball", ball, "x", 0.05, 0.025, 4, fd_spp=chance),
         Row("glass ball, light x", "glass ball", "lights.position[0]", "x", 0.05, far, 4, fd_spp=chance),
-        Row("glass ball, ior", "glass ball", "materials.ior[0]", "one", 0.1, 0.03, 4, fd_spp=chance),
+        Row("glass ball, ior", "glass ball", "materials.ior[0]", "one", 0.1, 0.008, 4, fd_spp=chance),
     ]
 
 
@@ -366,13 +367,27 @@ OTHERS: dict[str, tuple[float, int, list[tuple[str, str]]]] = {
 }
 
 
+# Of finite differences, where 0.03 is too long, or shorter than it must be
+STEPS = {
+    ("other box beside a lamp", "meshes.vertices[mesh]", "x"): 0.015,
+    ("other box beside a lamp", "lights.position[0]", "x"): 0.015,
+    ("flat mirror and mirror ball", "camera.position", "x"): 0.02,
+    ("other glass ball", "lights.position[0]", "x"): 0.06,
+    ("other glass ball", "spheres.center[ball]", "x"): 0.06,
+    ("other glass ball", "materials.ior[0]", "one"): 0.015,
+    ("bright ball near a wall", "lights.position[0]", "x"): 0.06,
+    ("bright ball near a wall", "lights.position[0]", "z"): 0.06,
+    ("bright ball near a wall", "camera.position", "x"): 0.06,
+}
+
+
 def other_rows() -> list[Row]:
     """Return five scenes like these, smaller and with a fourth of the edge samples; light and camera move in each."""
     rows = []
     for name, (bound, depth, moves) in OTHERS.items():
         for parameter, motion in [*moves, ("lights.position[0]", "x"), ("camera.position", "x")]:
             title, chance = f"{name}, {parameter} {motion}", depth > 2
-            step = 0.06 if chance and not parameter.startswith("materials") else 0.03
+            step = STEPS.get((name, parameter, motion), 0.03)
             row = Row(title, name, parameter, motion, bound, step, depth, size=40, samples=4, seeds=16)
             rows.append(row._replace(fd_spp=8192 if chance else row.fd_spp))
     return rows

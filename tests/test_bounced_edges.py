@@ -310,6 +310,7 @@ BENDING = ("camera.position", "camera.fov", "materials.ior", "meshes.vertices", 
 THROUGH = 1 - 2.0**-24  # glass's number that lets light through, 0 the one that reflects it
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick_compilation")
 def test_a_trail_turns_in_glass_and_mirrors():
     """Through the ball, off the mirror behind it, and on from the floor."""
@@ -329,8 +330,50 @@ def test_a_path_through_glass_and_mirrors_has_its_numbers():
     points = [surface_point(tables.geometry, turn.ray, Hit(turn.index, known)).position for turn in turns]
     points = jnp.stack([*points, ray.origin + ray.direction])
     index = jnp.stack([*(turn.index for turn in turns), jnp.int32(0)])
-    found = path_through(tables, points, index)
+    found = path_through(tables, points, index, None)
     np.testing.assert_allclose(found.ray.direction[:4], [turn.ray.direction for turn in turns], atol=1e-5)
     specular = np.asarray(index[:4]) == 0
     assert specular.sum() >= 3
     np.testing.assert_array_equal(np.asarray(found.numbers[0][:4])[specular], np.asarray(lobes)[specular])
+
+
+@pytest.mark.usefixtures("quick_compilation")
+def test_a_path_that_turns_on_rough_metal_has_its_numbers():
+    """By whichever lobe: the events told from places alone go from each to the next."""
+    scene = jaxrt.build(
+        {
+            "camera": dict(position=[0, 1.2, 5], target=[0, 1, 0], fov=40, width=16, height=16),
+            "materials": {
+                "white": {"type": "diffuse", "albedo": [0.7, 0.7, 0.7]},
+                "metal": {"type": "conductor", "albedo": [0.9, 0.8, 0.7], "roughness": 0.8},
+            },
+            "spheres": [
+                {"center": [0, 1, 0], "radius": 0.9, "material": "metal"},
+                {"center": [0, -50, 0], "radius": 50, "material": "white"},
+            ],
+            "environment": {"radiance": [1, 1, 1]},
+        }
+    )
+    normal = np.array([0.2, -0.3, 0.9])
+    ball = np.array([0, 1, 0]) + 0.9 * normal / np.linalg.norm(normal)
+    points = jnp.asarray([ball, [0.8, -0.0064, 2.0], [0.5, 3, 4]], jnp.float32)
+
+    @jax.jit
+    def onward(coins):
+        tables = tables_of(scene)
+        turns = path_through(tables, points, jnp.asarray([0, 1, 1], jnp.int32), coins)
+
+        def leaves(turn):
+            point = surface_point(tables.geometry, turn.ray, Hit(turn.index, jnp.ones((), bool)))
+            return scatter(tables.materials, point, -turn.ray.direction, turn.numbers).direction
+
+        return jax.vmap(leaves)(turns)[:2], turns.numbers[0][0]
+
+    steps = np.diff(points, axis=0)
+    wanted = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    numbers = []
+    for coin in (0.0, 0.999):
+        found, number = onward(jnp.full(3, coin, jnp.float32))
+        np.testing.assert_allclose(found, wanted, atol=2e-3)
+        numbers.append(float(number))
+    assert abs(numbers[0] - numbers[1]) > 0.1  # of the facets' lobe, and of the even one

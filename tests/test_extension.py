@@ -21,7 +21,7 @@ from jaxrt.cli.commands.summary import print_summary
 from jaxrt.description import parse_description
 from jaxrt.description.kinds import CAMERAS
 from jaxrt.fit.unknowns import unknowns_of
-from jaxrt.gradcheck.coverage import AFAR, GLOSSY, SCATTERED, coverage
+from jaxrt.gradcheck.coverage import AFAR, GLOSSY, OWN_TURNS, SCATTERED, coverage
 from jaxrt.gradcheck.steps import default_step
 from jaxrt.io.scene_file import read_description
 from jaxrt.kinds import (
@@ -562,7 +562,9 @@ def test_what_glossy_surfaces_see_is_named() -> None:
     table = {**lamp_over(), "materials": {"white": {"type": "plush", "albedo": [0.7, 0.5, 0.3]}}}
     plush = jaxrt.build(table)
     assert not coverage(plush, "spheres.center", 1, 64, 0).missing
-    assert coverage(plush, "spheres.center", 2, 64, 0).missing == (GLOSSY,)
+    assert coverage(plush, "spheres.center", 2, 64, 0).missing == (GLOSSY, OWN_TURNS)
+    gold = jaxrt.build({**table, "materials": {"white": {"type": "conductor", "albedo": [0.9, 0.7, 0.3]}}})
+    assert coverage(gold, "spheres.center", 2, 64, 0).missing == (GLOSSY,)
     assert "outlines seen by diffuse surfaces" not in coverage(plush, "spheres.center", 2, 64, 0).included
     # A point hides nothing
     assert not coverage(plush, "lights.position", 2, 64, 0).missing

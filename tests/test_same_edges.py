@@ -20,7 +20,9 @@ from benchmarks.edge_rows import bumps
 from benchmarks.edge_scenes import Description, ball, box, quad, scene
 from benchmarks.ladder import build
 from jaxrt.boundary import clearance_of, sample_edges, splat
+from jaxrt.boundary.lines import _weights, line_edges
 from jaxrt.boundary.lines.chains import MISSED, Lamp, blocker, chain_from
+from jaxrt.boundary.trail import with_trails
 from jaxrt.core.maths import normalize
 from jaxrt.core.records import Ray
 from jaxrt.transport.path import tables_of
@@ -130,3 +132,76 @@ def test_no_shadow_is_looked_for_where_nothing_is_lit_any_more():
 
     assert blocked(1) == MISSED
     assert blocked(2) >= 0
+
+
+@pytest.mark.usefixtures("quick_compilation")
+def test_a_lamp_between_looks_at_its_mirror_image_is_looked_for():
+    """It is a twentieth of a pixel wide, so that nearly all looks at the corners of pixels miss it."""
+    lamp, radius, center, r = np.array([-2.0, 5, 4]), 0.1, np.array([0, 1.2, -2.5]), 1.3
+    eye, size = np.array([0.0, 1, 7]), 16
+    here = jaxrt.build(
+        {
+            "camera": {"position": eye.tolist(), "target": [0, 1, 0], "fov": 30, "width": size, "height": size},
+            "materials": {"mirror": {"type": "mirror", "albedo": [0.9, 0.9, 0.9]}},
+            "spheres": [ball("mirror", "mirror", center.tolist(), r)],
+            "lights": [{"position": lamp.tolist(), "intensity": 40, "radius": radius}],
+        }
+    )
+    # Where the ball mirrors the camera's rays to the lamp
+    places = (np.arange(128 * size) + 0.5) / 128
+    y, x = np.meshgrid(places, places, indexing="ij")
+    ray = np.stack([x - size / 2, size / 2 - y, np.full_like(x, -size / 2 / np.tan(np.radians(15)))], -1)
+    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+    away = eye - center
+    half = ray @ away
+    root = half**2 - away @ away + r * r
+    hit = root > 0
+    point = away - (half + np.sqrt(np.where(hit, root, 0)))[..., None] * ray
+    normal = point / r
+    on = ray - 2 * (ray * normal).sum(-1, keepdims=True) * normal
+    toward = lamp - center - point
+    along = (toward * on).sum(-1)
+    shows = hit & (along > 0) & ((toward**2).sum(-1) - along**2 < radius**2)
+    assert 0 < shows.sum() < (128 / 4) ** 2
+    pixel = int(y[shows].mean()) * size + int(x[shows].mean())
+    weights = jax.jit(partial(_weights, plan(1024, 1, geometry=True), tables_of(here)))
+    found = [np.asarray(weights(jnp.uint32(seed))) for seed in range(8)]
+    assert all(each[pixel] > 0.9 * each.max() for each in found)
+    # Not by marking all
+    assert all((each > 0.9 * each.max()).mean() < 0.1 for each in found)
+
+
+@pytest.mark.usefixtures("quick_compilation")
+def test_an_outline_in_a_mirror_counts_with_the_light_at_the_very_rim():
+    """A ball of 3 pixels in radius, lit nearly from the front: a thousandth of a pixel within it is 6 % brighter."""
+    size, distance, radius, lamp = 48, 19.0, 0.8, np.array([4.0, 0, -1])
+    here = jaxrt.build(
+        {
+            "camera": {"position": [0, 0, 6], "target": [0, 0, 0], "fov": 40, "width": size, "height": size},
+            "materials": {
+                "mirror": {"type": "mirror", "albedo": [1, 1, 1]},
+                "white": {"type": "diffuse", "albedo": [1, 1, 1]},
+            },
+            "triangles": quad([-4, -4, -2], [8, 0, 0], [0, 8, 0], "mirror"),
+            "spheres": [ball("ball", "white", [0, 0, 9], radius)],
+            "lights": [{"position": lamp.tolist(), "intensity": 1}],
+        }
+    )
+    own = plan(16384, 2, geometry=True)
+
+    @jax.jit
+    def brought(seed):
+        (samples,) = with_trails(tables_of(here), line_edges(here, seed, own), True, own.devices)
+        return jnp.sum(jnp.where(samples.pixel[..., None] < size * size, samples.weight, 0)[..., 0])
+
+    found = np.asarray([brought(jnp.uint32(seed)) for seed in range(4)], float)
+    # The light along the rim, as the mirror's eye sees it, times what a unit of clearance sweeps in pixels
+    turn = (np.arange(10_000) + 0.5) / 10_000 * 2 * np.pi
+    sine = radius / distance
+    normal = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], -1) * np.sqrt(1 - sine**2) - [0, 0, sine]
+    toward = lamp - ([0, 0, 9] + radius * normal)
+    squared = (toward**2).sum(-1)
+    light = np.maximum((normal * toward).sum(-1), 0) / squared**1.5 / np.pi
+    scale = size / 2 / np.tan(np.radians(20)) / distance
+    wanted = light.mean() * 2 * np.pi * radius * scale**2
+    assert abs(abs(found.mean()) / wanted - 1) < 0.02 + 4 * found.std(ddof=1) / 2 / wanted, (found, wanted)

@@ -261,7 +261,7 @@ def _followed(plan: Plan, operands: CausticTables, draw: Draw, light: Grazing) -
     shown, number = one_of(vertices, choice)
     away = rim.point - vertices.point.position[0]
     change = Ray(rim.normal, safe_sqrt(dot(away, away)) * rim.normal)
-    path = path_from(tables, vertices, shown, number, change, rim.point)
+    path = path_from(tables, draw.stream, vertices, shown, number, change, rim.point)
     weight, seen = light.sign * shown.weight[None], beside(shown.view.image[None], plan.filter)
     samples = EdgeSamples(shown.pixel[None], weight, None, None, (anchors,), path=path, place=seen)
     return samples, measure

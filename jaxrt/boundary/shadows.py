@@ -23,7 +23,7 @@ from jaxrt.cameras import Projection, edges_known, projection
 from jaxrt.core.maths import dot, face_forward, normalize, safe_divide, safe_sqrt, unit_roundoff
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Ray, SurfacePoint
-from jaxrt.core.samplers import independent
+from jaxrt.core.samplers import Stream, independent
 from jaxrt.core.sampling import (
     pdf_cosine_hemisphere,
     pdf_uniform_sphere,
@@ -153,8 +153,7 @@ def _sample(plan: Plan, bins: int, operands: ShadowTables, draw: Draw) -> tuple[
     walk = partial(vertex, tables, draw, False)
     _, vertices = lax.scan(walk, carrier, jnp.arange(plan.max_depth, dtype=jnp.int32))
     receiver = jax.tree.map(lambda x: x[0], vertices)
-    choice = independent(draw.stream, 0)[0].astype(t.dtype) if plan.geometry_moves else None
-    samples = once(partial(_edge_samples, plan))(operands, light, source, row, t, rim, receiver, vertices, choice)
+    samples = once(partial(_edge_samples, plan))(operands, light, source, row, t, rim, receiver, vertices, draw.stream)
     along = _along(rim, source, receiver)
     measure = jnp.sum(vertices.weight) * (1 if plan.geometry_moves else 1 - along)
     return samples, measure
@@ -357,9 +356,9 @@ def _edge_samples(
     rim: Rim,
     receiver: Vertex,
     vertices: Vertex,
-    choice: Array | None,
+    stream: Stream,
 ) -> tuple[EdgeSamples, ...]:
-    """Return the weights of a line and the constants of its clearance. choice: () in [0, 1)."""
+    """Return the weights of a line and the constants of its clearance."""
     s, places = _along(rim, source, receiver), beside(vertices.view.image, plan.filter)
     points = LightPoints(light, source.omega, (1 - s) * rim.normal)
     occluder = occluder_anchors(operands.outlines, operands.faces is not None, row, t, rim)
@@ -372,11 +371,11 @@ def _edge_samples(
     moving = points if plan.lights_move else None
     place = None if places is None else places[:1]
     first = EdgeSamples(vertices.pixel[:1], vertices.weight[:1], moving, view, (anchors, occluder), place=place)
-    if plan.max_depth == 1 or choice is None:
+    if plan.max_depth == 1:
         return (first,)
-    shown, chosen = one_of(vertices, choice)
+    shown, chosen = one_of(vertices, independent(stream, 0)[0].astype(t.dtype))
     factor = s * rim.normal
-    path = path_from(operands.tables, vertices, shown, chosen, Ray(factor, jnp.zeros_like(factor)), None)
+    path = path_from(operands.tables, stream, vertices, shown, chosen, Ray(factor, jnp.zeros_like(factor)), None)
     place = beside(shown.view.image[None], plan.filter)
     return first, EdgeSamples(shown.pixel[None], shown.weight[None], moving, None, (occluder,), path=path, place=place)
 

@@ -22,7 +22,7 @@ from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.core.samplers import Stream, independent
 from jaxrt.core.sampling import numbers_of_direction
 from jaxrt.kernels.native import map_packets, on_devices, once
-from jaxrt.materials import Materials, scatter, single
+from jaxrt.materials import Materials, numbers_toward, scatter, single
 from jaxrt.shapes import Geometry, leave, surface_point
 from jaxrt.shapes.sphere import SphereTable
 from jaxrt.shapes.triangle import corner_table
@@ -230,16 +230,24 @@ def through_lens(tables: Tables, stream: Stream) -> Tables:
     return replace(tables, camera=tables.camera.through((u[0].astype(tables.dtype), u[1].astype(tables.dtype))))
 
 
-def path_through(tables: Tables, points: Array, index: Array, last: tuple[Array, Array] | None = None) -> Turn:
+def _coins(tables: Tables, stream: Stream, events: int) -> Array:
+    """Return numbers (events,) in [0, 1) that light on its way to the camera has no use for."""
+    return jax.vmap(lambda k: independent(stream, k + 1)[0].astype(tables.dtype))(jnp.arange(events))
+
+
+def path_through(
+    tables: Tables, points: Array, index: Array, coins: Array | None, last: tuple[Array, Array] | None = None
+) -> Turn:
     """Return the events (k,) of a path from the camera that meets primitives (k,) at points (k, 3), in this order.
 
-    last: the number () of its last event, and the place (3,) to which it goes from there.
+    coins: (k,) in [0, 1), which pick the lobes of glossy surfaces; None where there are none. last: the number () of
+    its last event, and the place (3,) to which it goes from there.
     """
     source = jnp.concatenate([tables.camera.eye(points[0])[None], points[:-1]])
     beyond = jnp.concatenate([points[1:], points[-1:]])
     if last is not None:
         beyond = jnp.where((jnp.arange(index.shape[0]) == last[0])[:, None], last[1][None], beyond)
-    return jax.vmap(once(partial(_turn, tables)))(source, points, index, beyond)
+    return jax.vmap(once(partial(_turn, tables)))(source, points, index, beyond, coins)
 
 
 def one_of(vertices: Vertex, choice: Array) -> tuple[Vertex, Array]:
@@ -253,20 +261,29 @@ def one_of(vertices: Vertex, choice: Array) -> tuple[Vertex, Array]:
     return replace(one, weight=one.weight * safe_divide(sums[-1], jnp.sum(one.weight))), number
 
 
-def path_from(tables: Tables, vertices: Vertex, shown: Vertex, number: Array, change: Ray, end: Array | None) -> Path:
+def path_from(
+    tables: Tables,
+    stream: Stream,
+    vertices: Vertex,
+    shown: Vertex,
+    number: Array,
+    change: Ray,
+    end: Array | None,
+) -> Path:
     """Return the path that the camera sees begin at vertex `number`, which is `shown`, and that ends at the first one.
 
     change: factors of the ray from there to `end`, (3,), of no matter where only the ray's origin counts.
     """
     order = jnp.maximum(number - jnp.arange(vertices.index.shape[0]), 0)
     last = None if end is None else (number, end)
-    turns = path_through(tables, vertices.point.position[order], vertices.index[order], last)
+    coins = _coins(tables, stream, order.shape[0]) if tables.materials.are_glossy else None
+    turns = path_through(tables, vertices.point.position[order], vertices.index[order], coins, last)
     brings = jnp.sum(shown.weight) > 0
     change = jax.tree.map(lambda x: jnp.where(brings, x, 0), change)
     return Path(turns, number, change, shown.view.image, lens=tables.camera.lens)
 
 
-def _turn(tables: Tables, source: Array, place: Array, index: Array, beyond: Array) -> Turn:
+def _turn(tables: Tables, source: Array, place: Array, index: Array, beyond: Array, coin: Array | None) -> Turn:
     """Return the event at a place on a path from somewhere to somewhere."""
     # A little on the way: from inside a ball to its other side, not to where it is
     ray, onward = Ray(source + ONWARD * (place - source), normalize(place - source)), normalize(beyond - place)
@@ -275,7 +292,10 @@ def _turn(tables: Tables, source: Array, place: Array, index: Array, beyond: Arr
     # Glass reflects for small numbers
     diffuse = point.material < tables.materials.ends[0]
     back = dot(point.shading, ray.direction) * dot(point.shading, onward) < 0
-    return Turn(ray, index, (jnp.where(diffuse, u0, jnp.where(back, 0, 1 - 2.0**-24)), u1))
+    numbers = jnp.where(diffuse, u0, jnp.where(back, 0, 1 - 2.0**-24)), u1
+    if coin is not None:
+        numbers = numbers_toward(tables.materials, point, -ray.direction, onward, coin, numbers)
+    return Turn(ray, index, numbers)
 
 
 def view_rays(tables: Tables, image: Array, change: Ray) -> ViewRays:

@@ -7,6 +7,7 @@ import numpy as np
 from jaxrt.cameras import edges_known
 from jaxrt.gradcheck.surfaces import lamps_cross, movers_of, nothing_faces_another, some_cross, surfaces_of
 from jaxrt.lights import casters_of
+from jaxrt.materials.facets import Faceted
 from jaxrt.scene import Scene
 from jaxrt.scene.measures import bends_light, measure, moves_lamps, moves_shapes
 
@@ -15,6 +16,7 @@ SUNK = "curves where lights are sunk into surfaces"
 SPECULAR = "edges that diffuse surfaces see in mirrors and through glass"
 BEHIND = "caustics and indirect shadows seen in mirrors and through glass"
 GLOSSY = "outlines that glossy surfaces see"
+OWN_TURNS = "how paths move that turn on glossy materials of one's own"
 TINTED = "the right weight of edges inside tinted glass, and of those whose light passes through rough glass"
 AFAR = "shadow edges of lights that are at no place"
 SCATTERED = "all edges: the camera's rays start at many places"
@@ -122,10 +124,16 @@ def _unknown_edges(scene: Scene, motion: Motion, max_depth: int) -> list[str]:
         SPECULAR: outlines and motion.shows and lit and (ahead > 1 or (sky and ahead > 0)),
         BEHIND: (motion.lamps or motion.views) and motion.shows and lit and _have_places(scene) and ahead > 1,
         GLOSSY: outlines and motion.faced and scene.materials.are_glossy and (sky or ahead > 0),
+        OWN_TURNS: motion.views and _tell_no_numbers(scene) and _have_places(scene) and ahead > 0,
         TINTED: (motion.lamps or motion.views) and _dims(scene) and lit and _have_places(scene),
         AFAR: motion.far and motion.faced and lit,
     }
     return [edge for edge, there in edges.items() if there]
+
+
+def _tell_no_numbers(scene: Scene) -> bool:
+    """Return whether some glossy materials do not tell by which numbers they scatter to somewhere."""
+    return any(not (kind.is_delta or kind.is_lambertian or isinstance(kind, Faceted)) for kind in scene.materials.kinds)
 
 
 def _dims(scene: Scene) -> bool:

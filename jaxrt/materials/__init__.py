@@ -25,7 +25,7 @@ from jaxrt.materials.facets import Faceted
 from jaxrt.textures import Textures, painted
 from jaxrt.textures.recording import WIDTH
 
-__all__ = ["Materials", "Scattering", "albedo_of", "evaluate", "scatter", "single"]
+__all__ = ["Materials", "Scattering", "albedo_of", "evaluate", "numbers_toward", "scatter", "single"]
 
 # One file each, numbered in this order
 MATERIALS.load("diffuse", "mirror", "glass", "conductor", "plastic", "rough_glass", "principled")
@@ -210,6 +210,24 @@ def evaluate(
             value, pdf = jnp.where(here, found[0], value), jnp.where(here, lax.stop_gradient(found[1]), pdf)
         first = end
     return value, pdf
+
+
+def numbers_toward(
+    materials: Materials, surface: SurfacePoint, wo: Array, wi: Array, coin: Array, others: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    """Return the numbers u for which `scatter` goes on to `wi` from a glossy surface; `others` at other surfaces.
+
+    coin: () in [0, 1), which picks one of the lobes that have the direction, by their shares. Glossy kinds of users'
+    own do not tell such numbers: there it is `others` too.
+    """
+    (u0, u1), first = others, 0
+    for kind, end in zip(materials.kinds, accumulate(materials.counts), strict=True):
+        if isinstance(kind, Faceted):
+            own = _row(materials, kind, surface, first, end).numbers_toward(surface, wo, wi, coin)
+            here = _within(surface.material, first, end)
+            u0, u1 = jnp.where(here, own[0], u0), jnp.where(here, own[1], u1)
+        first = end
+    return u0, u1
 
 
 def transmittance(one: Any, surface: SurfacePoint, wo: Array) -> Array | None:

@@ -14,12 +14,13 @@ from jaxrt.core.maths import safe_divide, safe_sqrt
 from jaxrt.description.fields import Albedo, Flag, Fraction, Rgb
 from jaxrt.description.kinds import material
 from jaxrt.materials.directional import lost, mean_lost
-from jaxrt.materials.facets import SMOOTHEST, Faceted, Local, facets, pick, rough, turned
+from jaxrt.materials.facets import SMOOTHEST, Local, facets, rough
+from jaxrt.materials.lobes import TwoLobed
 from jaxrt.materials.metals import Named
 
 
 @material
-class Conductor(Faceted):
+class Conductor(TwoLobed):
     """A rough metal; `albedo` is what it reflects of light along the normal, or the factor of a measured one's."""
 
     albedo: Albedo = (1.0, 1.0, 1.0)
@@ -30,11 +31,10 @@ class Conductor(Faceted):
 
     Table = Named
 
-    def turn(self, o: Local, u: tuple[Array, Array]) -> tuple[Local, Array]:
-        """Return a direction off a facet that is seen, or else of the lobe of more reflections."""
+    def lobes(self, o: Local) -> tuple[Array, Array]:
+        """Return the roughness, and the probability of one reflection; else there are more."""
         roughness = self.kept()
-        first, left, share = pick(1 - self.compensation * lost(roughness, o[2])[0], u[0])
-        return turned(roughness * roughness, o, first, (left, u[1])), share
+        return roughness, 1 - self.compensation * lost(roughness, o[2])[0]
 
     def facts(self, o: Local, i: Local) -> tuple[tuple[Array, ...], Array]:
         """Return f cosθ of one reflection and of more, without colour, and what this depends on; and the pdf."""

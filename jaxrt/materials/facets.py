@@ -18,6 +18,7 @@ from jaxrt.description.values import require
 from jaxrt.kernels.native import once
 
 SMOOTHEST = 0.05
+LAST = 1 - 2.0**-24  # of all numbers
 LEAST = 1e-12  # keeps quotients finite where nothing is scattered
 
 Local = tuple[Array, Array, Array]
@@ -41,6 +42,10 @@ class Faceted:
 
     def colour(self, *facts: Array) -> Array:
         """Return f cosθ (3,)."""
+        raise NotImplementedError
+
+    def numbers(self, o: Local, i: Local, coin: Array) -> tuple[Array, Array]:
+        """Return numbers for which light turns to `i`; the coin in [0, 1) picks one of its lobes by their shares."""
         raise NotImplementedError
 
     def normal_at(self, surface: SurfacePoint, wo: Array) -> Array:
@@ -69,6 +74,11 @@ class Faceted:
         o, i = once(_along)(self.normal_at(surface, wo), wo, wi)
         facts, pdf = once(_facts)(self, o, i)
         return self.colour(*facts), pdf
+
+    def numbers_toward(self, surface: SurfacePoint, wo: Array, wi: Array, coin: Array) -> tuple[Array, Array]:
+        """Return numbers that draw a direction. coin: as of `numbers`."""
+        o, i = once(_along)(self.normal_at(surface, wo), wo, wi)
+        return once(type(self).numbers)(self, o, i, coin)
 
 
 def _facts(one: Faceted, o: Local, i: Local) -> tuple[tuple[Array, ...], Array]:
@@ -105,6 +115,11 @@ def pick(chance: Array, u: Array) -> tuple[Array, Array, Array]:
     return first, jnp.where(first, u, u - held) / lax.stop_gradient(taken), taken / lax.stop_gradient(taken)
 
 
+def picking(chance: Array, first: Array, left: Array) -> Array:
+    """Return the u of which `pick` leaves so much."""
+    return jnp.clip(jnp.where(first, left * chance, chance + left * (1 - chance)), 0, LAST)
+
+
 def turned(alpha: Array, o: Local, first: Array, u: tuple[Array, Array]) -> Local:
     """Return a direction off a facet that is seen, or else one of a lobe as the cosine."""
     facet, even = _visible_normal(alpha, o, u)
@@ -126,6 +141,23 @@ def _visible_normal(alpha: Array, o: Local, u: tuple[Array, Array]) -> tuple[Loc
     facet = _unit(alpha * (ring * cos + x), alpha * (ring * sin + y), height + z)
     flat = safe_sqrt(1 - u[1])
     return facet, (flat * cos, flat * sin, safe_sqrt(u[1]))
+
+
+def numbers_of_normal(alpha: Array, o: Local, facet: Local) -> tuple[Array, Array]:
+    """Return the numbers for which `visible_normal` is a facet's: that mirrors the stretched eye onto the cap."""
+    eye, across = _unit(alpha * o[0], alpha * o[1], o[2]), _unit(facet[0], facet[1], alpha * facet[2])
+    x, y, height = mirrored(eye, across)
+    return _share_of_turn(y, x), jnp.clip(safe_divide(1 - height, 1 + eye[2]), 0, 1)
+
+
+def numbers_of_even(i: Local) -> tuple[Array, Array]:
+    """Return the numbers for which the lobe as the cosine has a direction."""
+    return _share_of_turn(i[1], i[0]), jnp.clip(i[2] * i[2], 0, 1)
+
+
+def _share_of_turn(y: Array, x: Array) -> Array:
+    turn = jnp.arctan2(y, x) / (2 * math.pi)
+    return turn - jnp.floor(turn)
 
 
 def _unit(x: Array, y: Array, z: Array) -> Local:

@@ -14,25 +14,25 @@ from jaxrt.description.fields import Albedo, Fraction, Ior
 from jaxrt.description.kinds import material
 from jaxrt.description.values import require
 from jaxrt.materials.conductor import off_facets
-from jaxrt.materials.facets import SMOOTHEST, Faceted, Local, pick, rough, turned
+from jaxrt.materials.facets import SMOOTHEST, Local, rough
 from jaxrt.materials.glass import fresnel
+from jaxrt.materials.lobes import TwoLobed
 
 THINNEST = 1.05  # ior: of less, the coat's mean reflectance loses its digits
 
 
 @material
-class Plastic(Faceted):
+class Plastic(TwoLobed):
     """A colour under a coat; `ior` is the coat's over what is outside."""
 
     albedo: Albedo
     roughness: Annotated[Fraction, rough("mirror")] = 0.3
     ior: Annotated[Ior, require(lambda x: x >= THINNEST, f"is below {THINNEST}: use the type diffuse")] = 1.5
 
-    def turn(self, o: Local, u: tuple[Array, Array]) -> tuple[Local, Array]:
-        """Return a direction off a facet of the coat, or from beneath it."""
+    def lobes(self, o: Local) -> tuple[Array, Array]:
+        """Return the coat's roughness, and the probability of its reflection; else light comes from beneath."""
         roughness, ior = self.kept()
-        first, left, share = pick(self.chance(fresnel(o[2], ior)[0]), u[0])
-        return turned(roughness * roughness, o, first, (left, u[1])), share
+        return roughness, self.chance(fresnel(o[2], ior)[0])
 
     def facts(self, o: Local, i: Local) -> tuple[tuple[Array, ...], Array]:
         """Return f cosθ of the coat, that of a white beneath that throws nothing back, and what does; and the pdf."""

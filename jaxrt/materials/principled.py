@@ -10,13 +10,14 @@ from jaxrt.description.fields import Albedo, Flag, Fraction
 from jaxrt.description.kinds import material
 from jaxrt.materials.conductor import losses, more_than_once, off_facets, schlick
 from jaxrt.materials.directional import lost
-from jaxrt.materials.facets import SMOOTHEST, Faceted, Local, pick, rough, turned
+from jaxrt.materials.facets import SMOOTHEST, Local, rough
+from jaxrt.materials.lobes import TwoLobed
 
 COAT = 0.04  # reflected along the normal by an index of 1.5
 
 
 @material
-class Principled(Faceted):
+class Principled(TwoLobed):
     """A colour under a coat where `metallic` is 0, a metal of that colour where it is 1."""
 
     albedo: Albedo
@@ -24,11 +25,10 @@ class Principled(Faceted):
     roughness: Annotated[Fraction, rough("mirror or diffuse")] = 0.5
     compensation: Flag = True
 
-    def turn(self, o: Local, u: tuple[Array, Array]) -> tuple[Local, Array]:
-        """Return a direction off a facet that is seen, or else of what is scattered beneath or between these."""
+    def lobes(self, o: Local) -> tuple[Array, Array]:
+        """Return the roughness, and the probability of facets; else light is scattered beneath or between these."""
         roughness, straight, even = self.kept()
-        first, left, share = pick(_chance(straight, even, lost(roughness, o[2])[0], o[2]), u[0])
-        return turned(roughness * roughness, o, first, (left, u[1])), share
+        return roughness, _chance(straight, even, lost(roughness, o[2])[0], o[2])
 
     def facts(self, o: Local, i: Local) -> tuple[tuple[Array, ...], Array]:
         """Return f cosθ of facets and of what is even, without colour, and what these depend on; and the pdf."""

@@ -20,7 +20,9 @@ from jaxrt.materials.facets import (
     facets,
     inner,
     mirrored,
+    numbers_of_normal,
     pick,
+    picking,
     rough,
     visible_normal,
 )
@@ -60,6 +62,16 @@ class RoughGlass(Faceted):
         # What is reflected wholly, or to the wrong side, is lost
         kept = jnp.where(first, z > 0, passes & (z < 0))
         return (x, y, side * z), jnp.where(kept, share, 0)
+
+    def numbers(self, o: Local, i: Local, coin: Array) -> tuple[Array, Array]:
+        """Return numbers for which light turns to `i`, of which there is but one pair."""
+        alpha, eta, side, o = self.seen(o)
+        i = (i[0], i[1], side * i[2])
+        scale = jnp.where(i[2] < 0, eta, 1)
+        h = o[0] + scale * i[0], o[1] + scale * i[1], o[2] + scale * i[2]
+        up = sign_or_one(h[2])
+        u0, u1 = numbers_of_normal(alpha, o, (up * h[0], up * h[1], up * h[2]))
+        return picking(_chance(alpha, o, eta), i[2] >= 0, u0), u1
 
     def facts(self, o: Local, i: Local) -> tuple[tuple[Array, ...], Array]:
         """Return f cosθ, and the pdf; radiance that passes changes by the square of the index."""

@@ -38,6 +38,7 @@ from jaxrt.boundary.lines.chains import (
     lamp_middle,
     sent_by,
 )
+from jaxrt.boundary.lines.lamps import shows_lamp
 from jaxrt.boundary.shadows import Plan
 from jaxrt.boundary.trail import central_ray, through_lens
 from jaxrt.cameras import View, edges_known
@@ -53,7 +54,7 @@ from jaxrt.transport.outputs import first_met
 from jaxrt.transport.path import Tables, radiance, tables_of
 
 STEPS = 4  # parts of a line where chains are looked at; one where the camera's rays alone are
-HALVINGS = 8  # of a part, until both ends see what lies on either side of one edge
+HALVINGS = 14  # of a part, until both ends see what lies on either side of one edge
 ASIDE = 1e-3  # pixels: as near to its border no triangle is taken to cross another; what touches does not cross
 FAINT = 0.02  # weight of a difference that another sampler has, in all likelihood
 ELSEWHERE = 0.1  # share of the samples outside of where a look at the picture finds edges
@@ -195,7 +196,10 @@ def _seems_to_end(plan: Plan, tables: Tables, seed: Array, pixel: Array) -> Arra
         pair = tuple(jax.tree.map(lambda x, k=k: x[k], looks) for k in (0, i))
         return _interest(tables, _line(corner, i < 2), pair) >= 1
 
-    return jnp.where(jnp.any(lax.map(ends, jnp.arange(1, 3))), 1, 0).astype(dtype)
+    found = jnp.any(lax.map(ends, jnp.arange(1, 3)))
+    if _goes_on(plan, tables.materials):
+        found = found | shows_lamp(tables, looks.chain)
+    return jnp.where(found, 1, 0).astype(dtype)
 
 
 def _numbers(stream: Stream, dtype: DTypeLike) -> Numbers:
