@@ -310,6 +310,7 @@ BENDING = ("camera.position", "camera.fov", "materials.ior", "meshes.vertices", 
 THROUGH = 1 - 2.0**-24  # glass's number that lets light through, 0 the one that reflects it
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick_compilation")
 def test_a_trail_turns_in_glass_and_mirrors():
     """Through the ball, off the mirror behind it, and on from the floor."""

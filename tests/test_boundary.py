@@ -196,7 +196,9 @@ def test_straight_shadow_edge_has_its_closed_form(axis):
 # Finite differences
 
 
-@pytest.mark.parametrize(("radius", "axis"), [(0.0, 2), (0.5, 0)], ids=["point z", "ball x"])
+@pytest.mark.parametrize(
+    ("radius", "axis"), [pytest.param(0.0, 2, marks=pytest.mark.slow, id="point z"), pytest.param(0.5, 0, id="ball x")]
+)
 def test_light_position(radius, axis):
     reference, inside = by_light(radius, axis)
     change = {"lights.position": AXES[axis][None]}
@@ -280,6 +282,7 @@ def two_lights():
     )
 
 
+@pytest.mark.slow
 def test_a_sphere_light_casts_the_shadow_of_another_and_is_seen_itself():
     scene, change = two_lights(), {"lights.position": AWAY}
     reference = finite_difference(scene, "lights.position", AWAY, 0.02, 4096, 1)

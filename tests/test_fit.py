@@ -72,6 +72,7 @@ def solve_from(scene: jaxrt.Scene, target: jax.Array, starts: jax.Array) -> jax.
     return jax.jit(jax.vmap(solve))(starts)
 
 
+@pytest.mark.slow
 def test_a_point_light_is_found_from_19_of_20_starts() -> None:
     scene = resized("scenes/ball_on_floor.toml")
     truth = jaxrt.parameters(scene)["lights.position"]
