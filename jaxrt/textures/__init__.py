@@ -1,7 +1,7 @@
 """All textures of a scene behind `painted`: rows of colours, of which a place on a surface takes some, weighted.
 
 An image's rows are its texels, a checker's its two colours, and those of vertex colours the vertices of meshes. All
-stand in one table, so that a ray reads four rows of it whatever the number of textures and their sorts.
+stand in one table, so that a ray reads at most four rows of it whatever the number of textures and their sorts.
 """
 
 from dataclasses import replace
