@@ -172,6 +172,7 @@ def test_a_lamp_between_looks_at_its_mirror_image_is_looked_for():
 
 
 @pytest.mark.usefixtures("quick_compilation")
+@pytest.mark.slow
 def test_an_outline_in_a_mirror_counts_with_the_light_at_the_very_rim():
     """A ball of 3 pixels in radius, lit nearly from the front: a thousandth of a pixel within it is 6 % brighter."""
     size, distance, radius, lamp = 48, 19.0, 0.8, np.array([4.0, 0, -1])

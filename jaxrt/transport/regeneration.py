@@ -61,14 +61,12 @@ def draw_paths(plan: Plan, tables: Tables, run: Run, first: Array, end: Array, p
     index = jnp.arange(lanes, dtype=jnp.int32)
 
     def begin(sample: Array) -> tuple[Paths, Array]:
-        def one(lane: Array) -> tuple[Paths, Array]:
+        def one(lane: Array) -> Paths:
             x, y = pixel_of(plan, tables, run, packet, lane)
             walk = walk_along(tables, camera_ray(plan, tables, numbers_of(plan, tables, run, sample, x, y), x, y), True)
-            return Paths(replace(walk, alive=None), jnp.zeros_like(lane), lane, sample, jnp.ones_like(lane)), jnp.ones(
-                (), bool
-            )
+            return Paths(replace(walk, alive=None), jnp.zeros_like(lane), lane, sample, jnp.ones_like(lane))
 
-        return jax.vmap(one)(index)
+        return jax.vmap(one)(index), jnp.ones(lanes, bool)
 
     def go_on(row: Paths, start: Array, there: Array) -> tuple[Paths, Array]:
         def one(path: Paths, there: Array) -> tuple[Paths, Array]:
