@@ -17,6 +17,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.flatten_util import ravel_pytree
 from rich.table import Table
 
 import jaxrt
@@ -55,7 +56,7 @@ class Subject:
 
     def jacobian(self, p: dict[str, Array]) -> Array:
         """Return the picture's derivatives (H, W, 3, 12) along 12 albedo and light coordinates."""
-        flat, unravel = jax.flatten_util.ravel_pytree(p)
+        flat, unravel = ravel_pytree(p)
         return jax.jacfwd(lambda x: self.picture(unravel(flat.at[:DIRECTIONS].set(x))))(flat[:DIRECTIONS])
 
 
