@@ -16,7 +16,7 @@ from jax.typing import DTypeLike
 
 from jaxrt.core.maths import safe_divide
 from jaxrt.core.pytree import pytree
-from jaxrt.core.samplers import Stream, independent
+from jaxrt.core.samplers import LAST, Stream, independent
 from jaxrt.kernels.native import map_packets, on_devices
 
 LANES = 128  # of a packet
@@ -76,7 +76,7 @@ def one_of_both(coin: Array, worth: Array, total: Array) -> tuple[Array, Array, 
     share = safe_divide(worth, total)
     taken = coin < share
     coin = jnp.where(taken, safe_divide(coin, share), safe_divide(coin - share, 1 - share))
-    return taken, jnp.clip(coin, 0, 1 - 2.0**-24), total
+    return taken, jnp.clip(coin, 0, LAST), total
 
 
 def sample_guided(
@@ -165,4 +165,4 @@ def _turned(index: Array, step: np.uint32, shift: Array) -> Array:
     """Return the fraction of index · step + shift, the product in 32 bits: float32 would lose it."""
     turns = ((index.astype(jnp.uint32) * step) >> 8).astype(jnp.int32).astype(shift.dtype) * 2.0**-24
     total = turns + shift
-    return jnp.clip(jnp.where(total >= 1, total - 1, total), 0, 1 - 2.0**-24)
+    return jnp.clip(jnp.where(total >= 1, total - 1, total), 0, LAST)

@@ -23,7 +23,7 @@ from jaxrt.cameras import Projection, edges_known, projection
 from jaxrt.core.maths import dot, face_forward, normalize, safe_divide, safe_sqrt, unit_roundoff
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Ray, SurfacePoint
-from jaxrt.core.samplers import Stream, independent
+from jaxrt.core.samplers import LAST, Stream, independent
 from jaxrt.core.sampling import (
     pdf_cosine_hemisphere,
     pdf_uniform_sphere,
@@ -44,7 +44,6 @@ BEYOND = 1e-3  # a receiver is farther than the outline by this share of its dis
 LOBE = 0.9  # share of light points drawn by the cosine to the outline; the others are uniform
 FEW_ROWS = 512  # outlines up to this number are cut into BINS bins each
 BINS = 8
-LAST = 1 - 2.0**-24  # number of the last of what glass may do, which is to let light through
 GRAZING = 1e-4  # smallest cosine between camera ray and receiver
 
 
@@ -303,6 +302,7 @@ def _power_kept(tables: Tables, point: SurfacePoint, wo: Array, scattering: Scat
     if all(not kind.is_delta for kind in clear):
         return weight
     through = dot(point.shading, wo) * dot(point.shading, direction) < 0
+    # Of all that glass may do it lets light through for the largest numbers
     lobe = jnp.where(through, LAST, 0).astype(wo.dtype)
     squared = scattering.weight * in_stages(scatter)(tables.materials, point, direction, (lobe, lobe)).weight
     return jnp.where(scattering.specular, safe_sqrt(jnp.where(scattering.specular, squared, 1)), weight)

@@ -19,7 +19,7 @@ from jaxrt.cameras import Projection, View
 from jaxrt.core.maths import dot, face_forward, grad_only, normalize, safe_divide
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Hit, Ray, SurfacePoint
-from jaxrt.core.samplers import Stream, independent
+from jaxrt.core.samplers import LAST, Stream, independent
 from jaxrt.core.sampling import numbers_of_direction
 from jaxrt.kernels.native import map_packets, on_devices, once
 from jaxrt.materials import Materials, numbers_toward, scatter, single
@@ -292,7 +292,7 @@ def _turn(tables: Tables, source: Array, place: Array, index: Array, beyond: Arr
     # Glass reflects for small numbers
     diffuse = point.material < tables.materials.ends[0]
     back = dot(point.shading, ray.direction) * dot(point.shading, onward) < 0
-    numbers = jnp.where(diffuse, u0, jnp.where(back, 0, 1 - 2.0**-24)), u1
+    numbers = jnp.where(diffuse, u0, jnp.where(back, 0, LAST)), u1
     if coin is not None:
         numbers = numbers_toward(tables.materials, point, -ray.direction, onward, coin, numbers)
     return Turn(ray, index, numbers)

@@ -30,6 +30,7 @@ class Stream(NamedTuple):
 Block = tuple[Array, Array, Array, Array]  # (a, b, c, d): four float32 in [0, 1)
 Sampler = Callable[[Stream, Array | int], Block]  # sampler(stream, block index)
 
+LAST = 1 - 2.0**-24  # the largest of all numbers
 GROUP_BITS = 20  # strata and index arithmetic cover 2²⁰ samples; later samples start a new, independent group
 
 
@@ -107,7 +108,7 @@ def strata(spp: Array) -> tuple[Array, Array]:
 
 def place_in_cell(cell: Array, n: Array, a: Array) -> Array:
     """Return the number at a of 1 in cell 0 … n-1 of n: below 1, although (n - 1 + a)/n may round to 1."""
-    return jnp.minimum((_whole(cell) + a) * (1 / _whole(n)), np.float32(1 - 2.0**-24))
+    return jnp.minimum((_whole(cell) + a) * (1 / _whole(n)), np.float32(LAST))
 
 
 _U32 = np.uint32

@@ -40,19 +40,19 @@ def write_scene(
     import tomlkit
 
     document = tomlkit.parse(read_text(source))
-    written = {f"{path.stem}.{text.removeprefix(TEXTURES)}.exr" for text in values if text.startswith(TEXTURES)}
     for text, value in values.items():
         if selectors[text].name.startswith(TEXTURES):
             _put_texels(document, text, value, scene, path)
         else:
             _put(document, selectors[text], text, value, scene)
-    for name in _left_behind(document, scene):
+    left = _left_behind(document, scene)
+    for name in left:
         if isinstance(scene.textures[name], VertexColors):
             document.setdefault("textures", {})[name] = {"type": "vertex_colors"}
         else:
             _put_texels(document, TEXTURES + name, scene.textures[name].texels, scene, path)
-            written.add(f"{path.stem}.{name}.exr")
-    _move_pictures(document, source, path, written)
+    names = [text.removeprefix(TEXTURES) for text in values if text.startswith(TEXTURES)]
+    _move_pictures(document, source, path, {_picture(path, name).name for name in (*names, *left)})
     for mesh in document.get("meshes", []):
         # Names of files stay right in another folder
         if "file" in mesh:
@@ -136,9 +136,14 @@ def _put_texels(document: Any, text: str, value: Floats, scene: SceneDescription
         return
     for key in ("texels", "encoding"):
         table.pop(key, None)
-    file = path.with_name(f"{path.stem}.{name}.exr")
+    file = _picture(path, name)
     save_image(file, value)
     table["file"] = file.name
+
+
+def _picture(path: Path, name: str) -> Path:
+    """Return the file in which the texels of a texture are written."""
+    return path.with_name(f"{path.stem}.{name}.exr")
 
 
 def _left_behind(document: Any, scene: SceneDescription) -> list[str]:

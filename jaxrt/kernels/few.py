@@ -11,10 +11,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax import Array, lax
+from jax import Array
 from jax.custom_batching import custom_vmap
 
 from jaxrt.kernels.bits import each_of, masks
+from jaxrt.kernels.gather import part, put
 from jaxrt.kernels.native import in_native, in_stages
 
 
@@ -28,15 +29,10 @@ def where_needed(f: Callable[..., Any], needed: Array, *operands: Any) -> Any:
     def rule(size: int, batched: Any, needed: Array, *operands: Any) -> Any:
         flags = jax.tree.leaves(batched[1:])
         needs = jnp.broadcast_to(needed, (size,))
-        return _every(lambda: _one_by_one(f, flags, needs, operands))
+        results = _one_by_one(f, flags, needs, operands)
+        return results, jax.tree.map(lambda _: True, results)
 
     return chosen(needed, *operands)
-
-
-def _every(found: Callable[[], Any]) -> tuple[Any, Any]:
-    """Return results, and that each lane has its own of all of them."""
-    results = found()
-    return results, jax.tree.map(lambda _: True, results)
 
 
 def _chosen(f: Callable[..., Any], needed: Array, *operands: Any) -> Any:
@@ -48,20 +44,12 @@ def _one_by_one(f: Callable[..., Any], flags: list[bool], needed: Array, operand
     leaves, structure = jax.tree.flatten(operands)
 
     def one(lane: Array) -> Any:
-        own = [_row(x, lane) if flag else x for x, flag in zip(leaves, flags, strict=True)]
+        own = [part(x, lane, 1)[0] if flag else x for x, flag in zip(leaves, flags, strict=True)]
         return in_stages(f)(*jax.tree.unflatten(structure, own))
 
-    def put(lane: Array, results: Any) -> tuple[Any]:
-        return (jax.tree.map(partial(_put, lane), results, one(lane)),)
+    def keep(lane: Array, results: Any) -> tuple[Any]:
+        return (jax.tree.map(lambda rows, row: put(rows, row[None], lane), results, one(lane)),)
 
     shapes = jax.eval_shape(one, jnp.int32(0))
     nothing = jax.tree.map(lambda x: jnp.zeros((needed.size, *x.shape), x.dtype), shapes)
-    return each_of(put, masks(needed), nothing)[0]
-
-
-def _put(i: Array, rows: Array, row: Array) -> Array:
-    return lax.dynamic_update_slice_in_dim(rows, row[None], i, 0, allow_negative_indices=False)
-
-
-def _row(x: Array, i: Array) -> Array:
-    return lax.dynamic_index_in_dim(x, i, keepdims=False, allow_negative_indices=False)
+    return each_of(keep, masks(needed), nothing)[0]

@@ -14,6 +14,16 @@ from jax import Array, lax
 from jaxrt.kernels.internals import Zero, operation
 
 
+def part(table: Array, start: Array, size: int) -> Array:
+    """Return `size` rows of a table (n, …) from `start` on, which is no less than 0; without derivative backwards."""
+    return lax.dynamic_slice_in_dim(table, start, size, allow_negative_indices=False)
+
+
+def put(table: Array, rows: Array, start: Array) -> Array:
+    """Return a table with other rows from `start` on, which is no less than 0; without derivative backwards."""
+    return lax.dynamic_update_slice_in_dim(table, rows, start, 0, allow_negative_indices=False)
+
+
 def take(table: Array, i: Array) -> Array:
     """Return table[i], i being int32 in range, of any shape; differentiable in the table (n, …)."""
     # The one row that there is can be read without an index

@@ -13,12 +13,12 @@ from jax import Array, lax
 
 from jaxrt.core.maths import safe_divide, safe_sqrt
 from jaxrt.core.records import SurfacePoint
+from jaxrt.core.samplers import LAST
 from jaxrt.core.sampling import frame_of, sincos_2pi
 from jaxrt.description.values import require
 from jaxrt.kernels.native import once
 
 SMOOTHEST = 0.05
-LAST = 1 - 2.0**-24  # of all numbers
 LEAST = 1e-12  # keeps quotients finite where nothing is scattered
 
 Local = tuple[Array, Array, Array]

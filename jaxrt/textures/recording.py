@@ -26,7 +26,11 @@ PART = 4096  # of a row's number, since float32 counts to 2^24 alone
 def mix(texels: Array, taps: Sequence[Tap]) -> Array:
     """Return the sum (3,) of rows of a table (n, 3), by their weights."""
     # One by one: of an array of rows, XLA's CPU backend would find each anew for each channel
-    parts = [weight * take(texels, row) for row, weight in taps]
+    return _weighed([take(texels, row) for row, _ in taps], taps)
+
+
+def _weighed(colors: list[Array], taps: Sequence[Tap]) -> Array:
+    parts = [weight * color for color, (_, weight) in zip(colors, taps, strict=True)]
     return sum(parts[1:], parts[0])
 
 
@@ -37,7 +41,8 @@ def read(texels: Array, taps: list[Tap], mark: Array) -> Array:
 
 
 def _forward(texels: Array, taps: list[Tap], mark: Array) -> tuple[Array, tuple[list[Tap], list[Array]]]:
-    return mix(texels, taps), (taps, [take(texels, row) for row, _ in taps])
+    colors = [take(texels, row) for row, _ in taps]
+    return _weighed(colors, taps), (taps, colors)
 
 
 def _backward(kept: tuple[list[Tap], list[Array]], change: Array) -> tuple[None, list[Any], Array]:

@@ -170,15 +170,15 @@ def radiance(
         return sky + sky_radiance(tables.lights, ray.direction) if shines_from_afar(tables.lights) else sky
     if unroll:
         for k in range(1, max_depth + 1):
-            walk = event(marked(tables, None if marks is None else marks[k - 1]), walk, numbers(k), attached)
+            walk = _event(marked(tables, None if marks is None else marks[k - 1]), walk, numbers(k), attached)
     else:
         # Of each event, derivatives backwards keep the walk, what was hit and two numbers, and compute the rest again
         @partial(jax.checkpoint, policy=jax.checkpoint_policies.save_only_these_names(_KEPT), prevent_cse=False)
-        def one_more(walk: Walk, one: tuple[Array, Array | None]) -> tuple[Walk, None]:
+        def event(walk: Walk, one: tuple[Array, Array | None]) -> tuple[Walk, None]:
             k, mark = one
-            return event(marked(tables, mark), walk, numbers(k), attached), None
+            return _event(marked(tables, mark), walk, numbers(k), attached), None
 
-        walk, _ = lax.scan(one_more, walk, (jnp.arange(1, max_depth + 1), marks))
+        walk, _ = lax.scan(event, walk, (jnp.arange(1, max_depth + 1), marks))
     return last_look(tables, walk)
 
 
@@ -196,7 +196,7 @@ def walk_along(tables: Tables, ray: Ray, specular: bool) -> Walk:
     return Walk(ray, ones, jnp.zeros_like(ones), jnp.full((), specular), pdf, alive, absorption)
 
 
-def event(tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array], attached: bool) -> Walk:
+def _event(tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array], attached: bool) -> Walk:
     """Return the path one scattering event on."""
     hit = checkpoint_name(once(find)(tables.geometry, walk.ray, walk.alive), _KEPT)
     return event_at(tables, walk, hit, once(surface_point)(tables.geometry, walk.ray, hit), u, attached)
@@ -359,7 +359,7 @@ def meets_light(tables: Tables, hit: Hit) -> Array:
     return hit.valid & (light >= 0) & (light < tables.lights.lights.position.shape[0])
 
 
-def looks_at_last(tables: Tables) -> bool:
+def _looks_at_last(tables: Tables) -> bool:
     """Return whether a path's last ray can see anything at all that shines."""
     spheres = tables.lights is not None and tables.lights.lights.have_size
     can_shine = spheres or shines_from_afar(tables.lights)
@@ -369,9 +369,8 @@ def looks_at_last(tables: Tables) -> bool:
 
 def may_look(tables: Tables, walk: Walk) -> Array:
     """Return whether the walk's last ray may see something that shines, () bool."""
-    sees = jnp.full((), tables.environment is not None)
-    if not looks_at_last(tables) or tables.environment is not None:
-        return sees
+    if tables.environment is not None or not _looks_at_last(tables):
+        return jnp.full((), tables.environment is not None)
     return walk.specular if walk.pdf is None else walk.specular | (walk.pdf > 0)
 
 
@@ -380,6 +379,6 @@ def last_look(tables: Tables, walk: Walk, hit: Hit | None = None) -> Array:
 
     hit: what the ray hits; None: to be found.
     """
-    if not looks_at_last(tables):
+    if not _looks_at_last(tables):
         return walk.radiance
     return arrive(tables, walk, once(find)(tables.geometry, walk.ray, walk.alive) if hit is None else hit).radiance

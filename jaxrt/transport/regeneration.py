@@ -8,7 +8,6 @@ kernels without derivative backwards, which would have to know how many turns th
 """
 
 from dataclasses import replace
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +16,7 @@ from jax import Array, lax
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Hit
 from jaxrt.kernels.bits import each_of, leading, masks
+from jaxrt.kernels.gather import part, put
 from jaxrt.kernels.native import once
 from jaxrt.shapes import find, surface_point
 from jaxrt.transport.film import Plan, Run, camera_ray, is_native, numbers_of, pixel_of
@@ -81,7 +81,7 @@ def draw_paths(plan: Plan, tables: Tables, run: Run, first: Array, end: Array, p
         return jax.vmap(one)(once(rear)(row, start), there)
 
     def rear(row: Paths, start: Array) -> Paths:
-        return jax.tree.map(lambda x: _some(x, start, lanes), row)
+        return jax.tree.map(lambda x: part(x, start, lanes), row)
 
     def look(path: Paths, looks: Array) -> tuple[Paths, Array]:
         hit = once(find)(tables.geometry, path.walk.ray, looks)
@@ -97,7 +97,7 @@ def draw_paths(plan: Plan, tables: Tables, run: Run, first: Array, end: Array, p
         alive = masks(goes_on)
         drawn = _drawn(state.drawn, paths, first, leading(size, alive.size) & ~alive)
         paths, count = _closed_up(paths, alive)
-        row = jax.tree.map(partial(_put, start), state.row, paths)
+        row = jax.tree.map(lambda x, new: put(x, new, start), state.row, paths)
         return State(row, start + count, state.sample + fresh.astype(jnp.int32), drawn)
 
     row = jax.tree.map(lambda x: jnp.zeros((2 * lanes, *x.shape[1:]), x.dtype), jax.eval_shape(begin, first)[0])
@@ -112,7 +112,7 @@ def _drawn(drawn: Array, paths: Paths, first: Array, ended: Array) -> Array:
 
     def draw(i: Array, drawn: Array) -> tuple[Array]:
         place = (paths.sample[i] - first) * lanes + paths.lane[i]
-        return (_put(place, drawn, _some(paths.walk.radiance, i)),)
+        return (put(drawn, part(paths.walk.radiance, i, 1), place),)
 
     return each_of(draw, ended, drawn)[0]
 
@@ -123,18 +123,10 @@ def _closed_up(paths: Paths, alive: Array) -> tuple[Paths, Array]:
     front = leading(count, alive.size)
 
     def tell(i: Array, gaps: Array, n: Array) -> tuple[Array, Array]:
-        return _put(n, gaps, i[None]), n + 1
+        return put(gaps, i[None], n), n + 1
 
     def fill(i: Array, paths: Paths, n: Array) -> tuple[Paths, Array]:
-        return jax.tree.map(lambda x: _put(gaps[n], x, _some(x, i)), paths), n + 1
+        return jax.tree.map(lambda x: put(x, part(x, i, 1), gaps[n]), paths), n + 1
 
     gaps = each_of(tell, front & ~alive, jnp.zeros_like(paths.lane), jnp.int32(0))[0]
     return each_of(fill, alive & ~front, paths, jnp.int32(0))[0], count
-
-
-def _some(x: Array, i: Array, n: int = 1) -> Array:
-    return lax.dynamic_slice_in_dim(x, i, n, allow_negative_indices=False)
-
-
-def _put(i: Array, rows: Array, some: Array) -> Array:
-    return lax.dynamic_update_slice_in_dim(rows, some, i, 0, allow_negative_indices=False)

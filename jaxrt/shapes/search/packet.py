@@ -16,9 +16,11 @@ from jax import Array, lax
 
 from jaxrt.core.maths import FAR, unit_roundoff
 from jaxrt.kernels.bits import each, mask
+from jaxrt.kernels.gather import part, put
 from jaxrt.kernels.native import once
 from jaxrt.shapes.edges import along_axis
 from jaxrt.shapes.search.boxes import Tree
+from jaxrt.shapes.search.bvh import WIDTH
 from jaxrt.shapes.search.order import floats, largest, least, most, smallest
 from jaxrt.shapes.search.walk import (
     TINY,
@@ -28,9 +30,7 @@ from jaxrt.shapes.search.walk import (
     leaf_boxes,
     leaf_distances,
     nonzero,
-    part,
     places_of,
-    put,
     slabs,
     walk,
 )
@@ -52,7 +52,7 @@ def walk_together(
     hull = _hull(tree, origin, (sign * sx, sign * sy, sign * sz), farthest, places, sign)
 
     def boxes(at: Array) -> tuple[Array, Array]:
-        sides = [floats(part(tree.words, at + side + (k // 3 & 24))) for k in places for side in (0, 24)]
+        sides = [floats(part(tree.words, at + side + (k // 3 & 24), WIDTH)) for k in places for side in (0, 24)]
         return hull(*sides)
 
     meet = _rays_in(tree, origin, (1 / nonzero(dx), 1 / nonzero(dy), sz), places)
@@ -81,7 +81,7 @@ def _rays_in(tree: Tree, origin: Numbers, inverse: Numbers, places: list[Array])
 
 def _faces_in(tree: Tree, hull: Callable[..., tuple[Array, Array]], places: list[Array], leaf: Array) -> Array:
     """Return one bit for each face of a leaf that the hull meets."""
-    there = part(tree.words, leaf_at(tree, leaf) + 72) >= 0
+    there = part(tree.words, leaf_at(tree, leaf) + 72, WIDTH) >= 0
     return mask(hull(*leaf_boxes(tree, leaf, places))[1] & there)
 
 
@@ -130,7 +130,7 @@ def _hull(
         return smallest(jnp.where(alive[None], jnp.stack(rows), FAR))
 
     start, latest, end, shortest = least_of(depth, -depth, -depth - farthest / slopes[2], slopes[2])
-    root = [floats(part(tree.words, side + (places[2] // 3 & 24))) for side in (0, 24)]
+    root = [floats(part(tree.words, side + (places[2] // 3 & 24), WIDTH)) for side in (0, 24)]
     span = most(least(-end, largest(jnp.where(sign > 0, root[1], -root[0]))) - start, 0)
     first = [v + (start - depth) * slope for v, slope in zip(o, slopes[:2], strict=False)]
     last = [v + span * slope for v, slope in zip(first, slopes[:2], strict=True)]

@@ -14,12 +14,13 @@ from jax.custom_batching import custom_vmap
 
 from jaxrt.core.maths import FAR, unit_roundoff
 from jaxrt.kernels.bits import each, mask
+from jaxrt.kernels.gather import part, put
 from jaxrt.kernels.native import once
 from jaxrt.shapes.edges import main_axis
 from jaxrt.shapes.search.boxes import Tree
 from jaxrt.shapes.search.order import least, most, smallest
 from jaxrt.shapes.search.packet import walk_together
-from jaxrt.shapes.search.walk import RAY, nonzero, part, put, ray_rows, slabs, walk_alone
+from jaxrt.shapes.search.walk import RAY, nonzero, ray_rows, slabs, walk_alone
 
 PACKET = 32  # lanes of a packet
 LOCKSTEP = 1024  # more lanes than that walk each on its own, all at the same time, as accelerators want it

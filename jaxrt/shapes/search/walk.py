@@ -20,6 +20,7 @@ from jax import Array, lax
 
 from jaxrt.core.maths import unit_roundoff
 from jaxrt.core.records import Ray
+from jaxrt.kernels.gather import part, put
 from jaxrt.kernels.native import once
 from jaxrt.shapes.edges import along_axis, hit_distance, main_axis, shear
 from jaxrt.shapes.roots import root_distance
@@ -32,16 +33,6 @@ NONE = -(2**31)  # no node
 ALL = 2**WIDTH - 1  # children of a node, as bits
 RAY = 12  # numbers of a ray's row
 Rows = Sequence[Array]
-
-
-def part(flat: Array, start: Array, size: int = WIDTH) -> Array:
-    """Return a part of a flat array; `start` is no less than 0."""
-    return lax.dynamic_slice(flat, (start,), (size,), allow_negative_indices=False)
-
-
-def put(all_: Array, row: Array, start: Array) -> Array:
-    """Return a flat array with a part replaced; `start` is no less than 0."""
-    return lax.dynamic_update_slice(all_, row, (start,), allow_negative_indices=False)
 
 
 def node_at(tree: Tree, code: Array) -> Array:
@@ -186,7 +177,7 @@ def walk_alone(any_hit: bool, tree: Tree, ray: Array, places: Array, farthest: A
     u = unit_roundoff(ray)
 
     def boxes(at: Array) -> tuple[Array, Array]:
-        sides = [floats(part(tree.words, at + 8 * k)) for k in range(6)]
+        sides = [floats(part(tree.words, at + 8 * k, WIDTH)) for k in range(6)]
         enter, leave = slabs(sides[:3], sides[3:], [ray[k] for k in range(3)], [ray[k] for k in range(3, 6)])
         return enter, (enter <= leave * (1 + 8 * u)) & (sides[0] <= sides[3])
 
@@ -225,10 +216,10 @@ def leaf_boxes(tree: Tree, leaf: Array, places: list[Array]) -> list[Array]:
     at, sides = leaf_at(tree, leaf), []
     for k in places:
         if tree.balls:
-            middle, radius = (floats(part(tree.words, at + row)) for row in (k // 3 & 24, 24))
+            middle, radius = (floats(part(tree.words, at + row, WIDTH)) for row in (k // 3 & 24, 24))
             sides += [middle - radius, middle + radius]
         else:
-            a, b, c = (floats(part(tree.words, at + (k & 56) + 8 * corner)) for corner in range(3))
+            a, b, c = (floats(part(tree.words, at + (k & 56) + 8 * corner, WIDTH)) for corner in range(3))
             sides += [least(least(a, b), c), most(most(a, b), c)]
     return sides
 
@@ -239,7 +230,7 @@ def closest(any_hit: bool, tree: Tree, leaf: Array, t: Array, farthest: Array, f
     distance = floats(nearest)
     if any_hit:
         return jnp.where(distance < farthest, -1, farthest), face
-    faces = part(tree.words, leaf_at(tree, leaf) + 72).astype(jnp.int32)
+    faces = part(tree.words, leaf_at(tree, leaf) + 72, WIDTH).astype(jnp.int32)
     first = least_of_eight(jnp.where(bits(t) == nearest, faces, jnp.iinfo(jnp.int32).max))
     closer = (distance < farthest) | ((distance == farthest) & (first < face))
     return jnp.where(closer, distance, farthest), jnp.where(closer, first, face)
