@@ -16,7 +16,7 @@ from command import BALL
 import jaxrt
 from jaxrt import chunks
 from jaxrt.hands import painter
-from jaxrt.io.partial import Partial, read_partial
+from jaxrt.io.partial import Partial, PartialError, read_partial
 from jaxrt.render import prepare
 from jaxrt.transport.film import BLOCK, SHARES, Plan, joined, shares_of
 
@@ -122,12 +122,16 @@ def test_s11_the_clock_changes_no_bit(monkeypatch, seed):
 
 BIG = BALL.replace("16", "160").replace("12\n", "120\n").replace("= 2\n", "= 3000\n", 1)
 GUARD = 300  # seconds: at least thirty times what it should take
+started: list[subprocess.Popen[str]] = []
 
 
 @pytest.fixture
 def place(tmp_path):
     (tmp_path / "ball.toml").write_text(BIG)
-    return tmp_path
+    yield tmp_path
+    while started:  # what a failed test leaves running
+        with started.pop() as process:
+            process.kill()
 
 
 def start(place, *options, output="ball.exr"):
@@ -135,12 +139,24 @@ def start(place, *options, output="ball.exr"):
         "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(place / "cache"), "JAXRT_CHECKPOINT_SECONDS": "0.2",
     }  # fmt: skip
     command = [sys.executable, "-m", "jaxrt", "render", "ball.toml", "-o", output, "--sampler", "independent", *options]
-    return subprocess.Popen(command, cwd=place, env=environment, stderr=subprocess.PIPE, text=True)
+    started.append(subprocess.Popen(command, cwd=place, env=environment, stderr=subprocess.PIPE, text=True))
+    return started[-1]
 
 
-def wait_for(process, file):
+def end_of(file):
+    """Return how many samples a file of sums holds, none where it is gone: who draws them may remove it meanwhile."""
+    try:
+        return read_partial(file).end
+    except PartialError:
+        if file.exists():
+            raise
+        return 0
+
+
+def wait_for(process, file, before):
+    """Wait until the file holds more samples than before."""
     begun = time.perf_counter()
-    while not file.exists() and process.poll() is None:
+    while end_of(file) <= before and process.poll() is None:
         assert time.perf_counter() - begun < GUARD
         time.sleep(0.01)
 
@@ -154,11 +170,9 @@ def test_l4_killed_resumed_and_merged_processes_draw_one_picture(place):
     assert finished(start(place, "--cores", "1", output="whole.exr"))[0] == 0
     sums = place / "ball.exr.partial"
     for number in (signal.SIGKILL, signal.SIGTERM, signal.SIGINT):
-        before = read_partial(sums).end if sums.exists() else 0
+        before = end_of(sums)
         process = start(place, "--resume")
-        while sums.exists() and read_partial(sums).end == before and process.poll() is None:
-            time.sleep(0.01)
-        wait_for(process, sums)
+        wait_for(process, sums, before)
         process.send_signal(number)
         status, err = finished(process)
         if status == 0 and number != signal.SIGKILL:  # drawn to the end before the signal came

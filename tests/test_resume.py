@@ -8,6 +8,8 @@ import signal
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -180,6 +182,20 @@ def test_l4_damaged_sums_are_refused_in_one_line(folder, capsys, monkeypatch, se
     SIDE.write_bytes(data)
     status, out, err = render(capsys, "--resume")
     assert (status, out) == (2, "") and err.startswith(f"jaxrt: error: {SIDE}: ") and err.count("\n") == 1
+
+
+def test_l4_sums_are_read_while_another_process_writes_newer_ones(tmp_path):
+    """Files of other lengths take each other's place; a reader has one of them, whole."""
+    facts, file = {"width": 2, "height": 2, "spp": 10**9}, tmp_path / "a.partial"
+    parts = [replace(Partial.nothing(facts, 0), end=10**digits) for digits in range(10)]
+    parts[0].write(file)
+    with ThreadPoolExecutor(1) as pool:
+        writing = pool.submit(lambda: [part.write(file) for part in parts * 60])
+        read = []
+        while not writing.done():
+            read.append(read_partial(file).end)
+        writing.result()
+    assert len(set(read)) > 1 and set(read) <= {part.end for part in parts}
 
 
 HEADS = [

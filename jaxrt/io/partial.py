@@ -6,6 +6,7 @@ high parts before low parts. Nothing in it is code; it is no longer than its fir
 
 import hashlib
 import json
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -85,7 +86,8 @@ def read_partial(path: Path) -> Partial:
         if path.exists() and not path.is_file():
             raise PartialError(f"{path}: is no file: take one that --samples wrote")
         with path.open("rb") as file:
-            head, data = _read(file, path.stat().st_size)
+            # The open file's size: another process may put a newer one in its place at any time
+            head, data = _read(file, os.fstat(file.fileno()).st_size)
         shape = 2, int(head["facts"]["height"]), int(head["facts"]["width"]), 3
         whole = head.pop("sha256") == _checksum(head, data)
     except FileNotFoundError:
