@@ -26,6 +26,11 @@ MATERIALS: Description = {
     "black": {"type": "diffuse", "albedo": [0, 0, 0]},
     "mirror": {"type": "mirror", "albedo": [0.9, 0.9, 0.9]},
     "glass": {"type": "glass", "ior": 1.5},
+    "metal": {"type": "conductor", "albedo": [0.9, 0.8, 0.6], "roughness": 0.3},
+    "shiny": {"type": "conductor", "albedo": [0.9, 0.9, 0.9], "roughness": 0.15},
+    "plastic": {"type": "plastic", "albedo": [0.3, 0.5, 0.7], "roughness": 0.4},
+    "frosted": {"type": "rough_glass", "ior": 1.5, "roughness": 0.3},
+    "tinted": {"type": "glass", "ior": 1.3, "absorption": [0.3, 0.6, 1]},
 }
 CAMERA = {"position": [0, 3, 6], "target": [0, 0.5, 0], "fov": 45}
 BEFORE = {"position": [0, 2, 7], "target": [0, 1, 0], "fov": 45}
@@ -190,6 +195,42 @@ SCENES: dict[str, Description] = {
         ],
         lights=[LAMP],
     ),
+    # Rough surfaces, and what is inside of glass
+    "ball over metal": scene(
+        CAMERA,
+        sky=1,
+        spheres=[ball("ball", "red", [0, 1, 0], 0.7)],
+        triangles=quad([-9, 0, -9], [0, 0, 18], [18, 0, 0], "metal"),
+    ),
+    "box over shiny metal": scene(
+        CAMERA,
+        sky=0.3,
+        meshes=[box("mesh", "red", [0.1, 1, 0], 0.5, [20, 30, 0])],
+        spheres=[ball("ground", "shiny", [0, -1000, 0], 1000)],
+        lights=[{"position": [-1.5, 3, 1.5], "intensity": 12, "radius": 0.3}],
+    ),
+    "box before plastic": scene(
+        CAMERA,
+        meshes=[box("mesh", "red", [0.6, 0.6, 0.3], 0.4, [20, 30, 0])],
+        spheres=[ball("plastic", "plastic", [-0.6, 0.8, 0], 0.7)],
+        triangles=quad([-9, 0, -9], [0, 0, 18], [18, 0, 0], "grey"),
+        lights=[{"position": [1.5, 4, 3], "intensity": 40}],
+    ),
+    "ball behind frosted glass": scene(
+        BEFORE,
+        sky=0.5,
+        spheres=[ball("glass", "frosted", [0, 1.2, 1.5], 0.7), ball("ball", "red", [0.1, 1, -0.5], 0.5), GROUND],
+    ),
+    "ball in tinted glass": scene(
+        BEFORE,
+        sky=0.5,
+        spheres=[
+            ball("glass", "tinted", [0, 1.2, 1], 1),
+            ball("ball", "red", [0.3, 1.4, 1], 0.3),
+            ball("block", "light", [-0.3, 0.8, 0.9], 0.4),
+            GROUND,
+        ],
+    ),
     # Others like them
     "other box beside a lamp": scene(
         {"position": [1.5, 2.5, 5.5], "target": [0.2, 0.6, 0], "fov": 40},
@@ -341,6 +382,35 @@ def chain_rows() -> list[Row]:
     ]
 
 
+def rough_rows() -> list[Row]:
+    """Return what rough surfaces see, and what moves inside of glass."""
+    ball, mesh, steps = "spheres.center[ball]", "meshes.vertices[mesh]", {"x": 0.03, "y": 0.03}
+    rows = [
+        Row(f"ball over metal, depth {d}, {k}", "ball over metal", ball, k, 0.05, steps[k], d)
+        for d in (1, 2)
+        for k in "xy"
+    ]
+    rows += [Row("ball over metal, camera x", "ball over metal", "camera.position", "x", 0.05, 0.03)]
+    rows += [Row(f"box over shiny metal, {k}", "box over shiny metal", mesh, k, 0.05, 0.02, 2) for k in ("x", "turn")]
+    rows += [Row(f"box before plastic, {k}", "box before plastic", mesh, k, 0.05, 0.02, 2) for k in ("x", "turn")]
+    rows += [
+        Row(
+            f"ball behind frosted glass, {name} x",
+            "ball behind frosted glass",
+            f"spheres.center[{name}]",
+            "x",
+            0.05,
+            0.02,
+            3,
+        )
+        for name in ("ball", "glass")
+    ]
+    return rows + [
+        Row(f"ball in tinted glass, {name} x", "ball in tinted glass", f"spheres.center[{name}]", "x", 0.05, 0.02, 3)
+        for name in ("ball", "glass")
+    ]
+
+
 OTHERS: dict[str, tuple[float, int, list[tuple[str, str]]]] = {
     # bound, depth, what moves how
     "other box beside a lamp": (0.04, 2, [("meshes.vertices[mesh]", k) for k in ("turn", "x", "y")]),
@@ -395,4 +465,4 @@ def other_rows() -> list[Row]:
 
 def rows() -> list[Row]:
     """Return all rows, cheap ones first."""
-    return [*crossing_rows(), *camera_rows(), *filter_rows(), *sky_rows(), *chain_rows(), *other_rows()]
+    return [*crossing_rows(), *camera_rows(), *filter_rows(), *sky_rows(), *rough_rows(), *chain_rows(), *other_rows()]

@@ -1,7 +1,7 @@
-"""The outlines that diffuse surfaces see by the rays they scatter: the sky's shadow, colour bleeding, dark lights.
+"""The outlines that surfaces see by the rays they scatter: the sky's shadow, colour bleeding, dark lights, reflections.
 
-A sample is a path from the camera to a diffuse surface, and from there a ray that grazes an outline. A unit of
-clearance exchanges the radiance beyond the outline for that of what blocks it. The path's random numbers are held
+A sample is a path from the camera to a diffuse or glossy surface, and from there a ray that grazes an outline. A unit
+of clearance exchanges the radiance beyond the outline for that of what blocks it. The path's random numbers are held
 fixed, as they are inside of edges: so the ray moves with all surfaces that the path turned on, and turns with the last.
 """
 
@@ -27,10 +27,10 @@ from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.core.samplers import Stream, independent
 from jaxrt.core.sampling import numbers_of_direction
 from jaxrt.kernels.native import in_stages, map_packets, once
-from jaxrt.materials import scatter
+from jaxrt.materials import absorption_of, evaluate, numbers_toward, scatter, tell_numbers
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, leave, surface_point
-from jaxrt.transport.path import Tables, Walk, event_at, last_look, tables_of, walk_along
+from jaxrt.transport.path import Medium, Tables, Walk, event_at, last_look, tables_of, walk_along
 
 TILES = 8  # the picture is divided into so many parts each way, among which a pilot shares the samples
 CANDIDATES = 32  # points of outlines, of which one is taken by how large it looks
@@ -53,7 +53,29 @@ class Arrival:
     """A path's event."""
 
     turn: Turn
-    flux: Array  # (3,) what light from anywhere there counts in the picture; 0 but at diffuse surfaces
+    flux: Array  # (3,) what light that is scattered there counts in the picture, of diffuse ones with the albedo; or 0
+    glossy: Array | None  # () bool; None in scenes without glossy surfaces
+    absorption: Array | None  # (3,) per unit of length, of what its ray comes through; None where nothing absorbs
+
+
+@pytree
+class Station:
+    """Where a path turns toward outlines."""
+
+    arrival: Arrival
+    point: SurfacePoint
+    facing: Array  # (3,) the normal on the side that is seen
+    eye: Array  # (3,) the point, moved off the surface by its rounding
+
+    def sends(self, tables: Tables, direction: Array) -> Array:
+        """Return f cosθ (3,) of light from a direction, of diffuse surfaces without the albedo."""
+        cosine = dot(self.facing, direction)
+        even = jnp.where(cosine > TURNED, cosine / jnp.pi, 0) * jnp.ones_like(direction)
+        if self.arrival.glossy is None:
+            return even
+        wo = -self.arrival.turn.ray.direction
+        value = in_stages(evaluate)(tables.materials, self.point, wo, direction)[0]
+        return jnp.where(self.arrival.glossy, value, even)
 
 
 @pytree
@@ -63,17 +85,20 @@ class Grazing:
     row: Array
     t: Array
     rim: Rim
-    weight: Array  # () angle that the outline sweeps a unit of clearance, times the cosine, over its density
+    weight: Array  # (3,) angle that the outline sweeps a unit of clearance, times f cosθ, over its density
 
 
 def bounced_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
-    """Return samples of moving outlines that diffuse surfaces see: all, or those of sphere lights alone."""
+    """Return samples of moving outlines that surfaces see: all, or those of sphere lights alone.
+
+    None by glossy kinds that do not tell by which numbers they scatter to somewhere.
+    """
     lights = scene.lights is not None and scene.lights.have_size
-    # After the last event, a diffuse surface sees the sky alone
+    # After the last event, what is not of single directions sees the sky alone
     events = plan.max_depth if scene.environment is not None else plan.max_depth - 1
     dark = scene.environment is None and scene.lights is None
     moves = edges_known(scene.camera) and (lights or plan.geometry_moves)
-    if dark or events == 0 or scene.materials.ends[0] == 0 or not moves:
+    if dark or events == 0 or not scene.materials.see_outlines or not moves:
         return ()
     tables = tables_of(scene)
     edges = edge_table(scene.triangles) if scene.triangles is not None and plan.geometry_moves else None
@@ -101,16 +126,24 @@ def _sample(plan: Plan, events: int, operands: BouncedTables, draw: Draw) -> tup
     arrivals = _path(tables, central_ray(camera, x, y), draw.stream, events)
     arrival = jax.tree.map(lambda a: a[last], arrivals)
     point = once(surface_point)(tables.geometry, arrival.turn.ray, Hit(arrival.turn.index, jnp.ones((), bool)))
-    facing = face_forward(point.shading, -arrival.turn.ray.direction)
+    wo = -arrival.turn.ray.direction
+    facing = face_forward(point.shading, wo)
     # Where the path has met nothing, its point is of no use
-    eye = jnp.where(jnp.sum(arrival.flux) > 0, once(leave)(point, facing).origin, camera.start((x, y)))
+    brings = jnp.sum(arrival.flux) > 0
+    eye = jnp.where(brings, once(leave)(point, facing).origin, camera.start((x, y)))
     # From its end past an outline
-    grazing = _grazing(plan, operands, eye, facing, arrival.turn.index, draw)
+    grazing = _grazing(plan, operands, Station(arrival, point, facing, eye), draw)
+    direction, absorption = normalize(grazing.rim.point - eye), None
+    if any(kind.transmits and not kind.is_delta for kind in tables.materials.kinds):
+        eye = jnp.where(brings, once(leave)(point, direction).origin, eye)
+    if arrival.absorption is not None:
+        medium = Medium(arrival.absorption, point, wo, *absorption_of(tables.materials, point))
+        absorption = medium.beyond(direction)
     starts, clear = both_sides(tables, outlines, grazing.row, grazing.rim, eye)
-    outside, inside = jax.vmap(partial(_radiance_from, plan, tables, draw.stream, last))(*starts)
+    outside, inside = jax.vmap(partial(_radiance_from, plan, tables, draw.stream, last, absorption))(*starts)
     density = placed.density * draw.total * (TILES * TILES / (camera.width * camera.height))
-    seen = clear & (grazing.weight > 0) & (density > 0)
-    weight = jnp.where(seen, arrival.flux * (outside - inside) * safe_divide(grazing.weight / jnp.pi, density), 0)
+    seen = clear & jnp.any(grazing.weight > 0) & (density > 0)
+    weight = jnp.where(seen, arrival.flux * (outside - inside) * safe_divide(grazing.weight, density), 0)
     column, row = (
         jnp.minimum(x.astype(jnp.int32), camera.width - 1),
         jnp.minimum(y.astype(jnp.int32), camera.height - 1),
@@ -122,10 +155,13 @@ def _sample(plan: Plan, events: int, operands: BouncedTables, draw: Draw) -> tup
     if not plan.geometry_moves:
         samples = EdgeSamples(pixel[None], weight[None], None, None, (anchors,), place=seen_at)
         return samples, jnp.sum(jnp.abs(weight))
-    direction = normalize(grazing.rim.point - eye)
+    numbers = once(numbers_of_direction)(facing, direction)
+    if arrival.glossy is not None:
+        coin = independent(draw.stream, 0)[1].astype(eye.dtype)
+        numbers = once(numbers_toward)(tables.materials, point, wo, direction, coin, numbers)
     factor = jnp.where(seen, grazing.rim.normal, 0)
     change = Ray(factor, grazing.rim.distance * factor)
-    turns = _aimed(arrivals.turn, last, once(numbers_of_direction)(facing, direction))
+    turns = _aimed(arrivals.turn, last, numbers)
     path = Path(turns, last, change, jnp.stack([x, y]), lens=camera.lens)
     samples = EdgeSamples(pixel[None], weight[None], None, None, (anchors,), path=path, place=seen_at)
     return samples, jnp.sum(jnp.abs(weight))
@@ -134,17 +170,27 @@ def _sample(plan: Plan, events: int, operands: BouncedTables, draw: Draw) -> tup
 def _path(tables: Tables, ray: Ray, stream: Stream, events: int) -> Arrival:
     """Return the events (events,) of a path from the camera."""
 
-    def event(carry: tuple[Ray, Array], k: Array) -> tuple[tuple[Ray, Array], Arrival]:
-        ray, throughput = carry
+    def event(carry: tuple[Ray, Array, Array | None], k: Array) -> tuple[tuple[Ray, Array, Array | None], Arrival]:
+        ray, throughput, absorption = carry
+        wo, beyond = -ray.direction, None
         hit = once(find)(tables.geometry, ray)
         point = once(surface_point)(tables.geometry, ray, hit)
         _, _, *u = (x.astype(throughput.dtype) for x in independent(stream, k))
-        scattering = in_stages(scatter)(tables.materials, point, -ray.direction, (u[0], u[1]))
-        onward = jnp.where(hit.valid, throughput * scattering.weight, 0)
-        arrival = Arrival(Turn(ray, hit.index, (u[0], u[1])), jnp.where(scattering.diffuse, onward, 0))
-        return (once(leave)(point, scattering.direction), onward), arrival
+        scattering = in_stages(scatter)(tables.materials, point, wo, (u[0], u[1]))
+        arriving = jnp.where(hit.valid, throughput, 0)
+        if absorption is not None:
+            medium = Medium(absorption, point, wo, *absorption_of(tables.materials, point))
+            arriving, beyond = arriving * medium.passed(), medium.beyond(scattering.direction)
+        onward = arriving * scattering.weight
+        flux = jnp.where(scattering.diffuse, onward, 0)
+        if scattering.glossy is not None:
+            flux = jnp.where(scattering.glossy & tell_numbers(tables.materials, point), arriving, flux)
+        arrival = Arrival(Turn(ray, hit.index, (u[0], u[1])), flux, scattering.glossy, absorption)
+        return (once(leave)(point, scattering.direction), onward, beyond), arrival
 
-    return lax.scan(event, (ray, jnp.ones_like(ray.origin)), jnp.arange(1, events + 1, dtype=jnp.int32))[1]
+    ones = jnp.ones_like(ray.origin)
+    start = ray, ones, jnp.zeros_like(ones) if tables.materials.absorb else None
+    return lax.scan(event, start, jnp.arange(1, events + 1, dtype=jnp.int32))[1]
 
 
 def _places(tables: Tables, seed: Array, events: int) -> Array:
@@ -165,38 +211,47 @@ def _places(tables: Tables, seed: Array, events: int) -> Array:
     return map_packets(packet, (tables, seed), jnp.arange(1, dtype=jnp.int32))[0]
 
 
-def _grazing(plan: Plan, operands: BouncedTables, eye: Array, facing: Array, index: Array, draw: Draw) -> Grazing:
+def _grazing(plan: Plan, operands: BouncedTables, station: Station, draw: Draw) -> Grazing:
     """Return one of several points of outlines, taken by how much of the light that arrives each may change."""
-    outlines = operands.outlines
+    outlines, tables, eye = operands.outlines, operands.tables, station.eye
     rim_of = once(partial(rim_at, creases=plan.max_depth > 1))
     start = once(nearest_lookout)(operands.lookouts, eye) * outlines.rows
 
-    def worth(rim: Rim, row: Array, density: Array, eye: Array, facing: Array, index: Array) -> Array:
-        cosine = dot(facing, normalize(rim.point - eye))
-        own = (row == index) & (row < outlines.spheres_count)
-        ok = rim.valid & (cosine > TURNED) & ~own & (rim.distance > 0)
-        return jnp.where(ok, safe_divide(rim.jacobian * cosine, rim.distance * rim.distance * density), 0)
+    def worth(tables: Tables, station: Station, rim: Rim, row: Array, density: Array) -> Array:
+        own = (row == station.arrival.turn.index) & (row < outlines.spheres_count)
+        ok = rim.valid & ~own & (rim.distance > 0)
+        sent = jnp.mean(station.sends(tables, normalize(rim.point - station.eye)))
+        return jnp.where(ok, safe_divide(rim.jacobian * sent, rim.distance * rim.distance * density), 0)
 
     def choose(k: Array, best: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
         """Keep what is there or take point k, by their worth."""
         chosen_row, chosen_t, total, coin = best
         v = (k.astype(eye.dtype) + draw.spread[1]) / CANDIDATES
         row, t, density = once(partial(point_seen, rows=outlines.rows))(operands.lookouts, start, v)
-        own = once(worth)(rim_of(outlines, row, t, eye), row, density, eye, facing, index)
+        own = once(worth)(tables, station, rim_of(outlines, row, t, eye), row, density)
         taken, coin, total = one_of_both(coin, own, total)
         return jnp.where(taken, row, chosen_row), jnp.where(taken, t, chosen_t), total, coin
 
     nothing, coin = jnp.zeros_like(eye[0]), independent(draw.stream, 0)[0].astype(eye.dtype)
     row, t, total, _ = lax.fori_loop(0, CANDIDATES, choose, (jnp.int32(0), nothing, nothing, coin))
-    return Grazing(row, t, rim_of(outlines, row, t, eye), total / CANDIDATES)
+    rim = rim_of(outlines, row, t, eye)
+    sent = station.sends(tables, normalize(rim.point - eye))
+    return Grazing(row, t, rim, sent * safe_divide(total / CANDIDATES, jnp.mean(sent)))
 
 
 def _radiance_from(
-    plan: Plan, tables: Tables, stream: Stream, last: Array, ray: Ray, hit: Hit, point: SurfacePoint
+    plan: Plan,
+    tables: Tables,
+    stream: Stream,
+    last: Array,
+    absorption: Array | None,
+    ray: Ray,
+    hit: Hit,
+    point: SurfacePoint,
 ) -> Array:
-    """Return the radiance (3,) along a diffuse surface's ray whose first surface is known.
+    """Return the radiance (3,) along a surface's ray whose first surface is known.
 
-    last: () number of the event that the ray leaves, from 0.
+    last: () number of the event that the ray leaves, from 0. absorption: (3,) of what it goes through.
     """
     first = last + 2
 
@@ -210,7 +265,7 @@ def _radiance_from(
         there = jax.tree.map(lambda a, b: jnp.where(k == first, a, b), point, there)
         return event_at(tables, walk, here, there, tuple(x.astype(ray.origin.dtype) for x in independent(stream, k)))
 
-    walk = walk_along(tables, ray, False)
+    walk = replace(walk_along(tables, ray, False), absorption=absorption)
     walk = lax.fori_loop(first, plan.max_depth + 1, event, walk)
     return last_look(tables, walk, met(jnp.int32(plan.max_depth + 1), walk))
 

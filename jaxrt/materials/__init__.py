@@ -25,7 +25,7 @@ from jaxrt.materials.facets import Faceted
 from jaxrt.textures import Textures, painted
 from jaxrt.textures.recording import WIDTH
 
-__all__ = ["Materials", "Scattering", "albedo_of", "evaluate", "numbers_toward", "scatter", "single"]
+__all__ = ["Materials", "Scattering", "albedo_of", "evaluate", "numbers_toward", "scatter", "single", "tell_numbers"]
 
 # One file each, numbered in this order
 MATERIALS.load("diffuse", "mirror", "glass", "conductor", "plastic", "rough_glass", "principled")
@@ -84,6 +84,11 @@ class Materials:
     def are_glossy(self) -> bool:
         """Whether any is neither lambertian nor of single directions."""
         return any(not (kind.is_delta or kind.is_lambertian) for kind in self.kinds)
+
+    @property
+    def see_outlines(self) -> bool:
+        """Whether any scatters to where outlines are, by numbers that it tells."""
+        return any(kind.is_lambertian or _tells_numbers(kind) for kind in self.kinds)
 
     @property
     def absorb(self) -> bool:
@@ -217,17 +222,31 @@ def numbers_toward(
 ) -> tuple[Array, Array]:
     """Return the numbers u for which `scatter` goes on to `wi` from a glossy surface; `others` at other surfaces.
 
-    coin: () in [0, 1), which picks one of the lobes that have the direction, by their shares. Glossy kinds of users'
-    own do not tell such numbers: there it is `others` too.
+    coin: () in [0, 1), which picks one of the lobes that have the direction, by their shares. `others` too at kinds of
+    users' own that have no method `numbers_toward`.
     """
     (u0, u1), first = others, 0
     for kind, end in zip(materials.kinds, accumulate(materials.counts), strict=True):
-        if isinstance(kind, Faceted):
+        if _tells_numbers(kind):
             own = _row(materials, kind, surface, first, end).numbers_toward(surface, wo, wi, coin)
             here = _within(surface.material, first, end)
             u0, u1 = jnp.where(here, own[0], u0), jnp.where(here, own[1], u1)
         first = end
     return u0, u1
+
+
+def tell_numbers(materials: Materials, surface: SurfacePoint) -> Array:
+    """Return whether a surface is of a glossy kind that tells by which numbers it scatters to somewhere, () bool."""
+    told, first = jnp.zeros((), bool), 0
+    for kind, end in zip(materials.kinds, accumulate(materials.counts), strict=True):
+        if _tells_numbers(kind):
+            told |= _within(surface.material, first, end)
+        first = end
+    return told
+
+
+def _tells_numbers(kind: Any) -> bool:
+    return hasattr(kind, "numbers_toward")
 
 
 def transmittance(one: Any, surface: SurfacePoint, wo: Array) -> Array | None:
