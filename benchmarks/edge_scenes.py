@@ -30,6 +30,7 @@ MATERIALS: Description = {
     "shiny": {"type": "conductor", "albedo": [0.9, 0.9, 0.9], "roughness": 0.15},
     "plastic": {"type": "plastic", "albedo": [0.3, 0.5, 0.7], "roughness": 0.4},
     "frosted": {"type": "rough_glass", "ior": 1.5, "roughness": 0.3},
+    "milky": {"type": "rough_glass", "ior": 1.4, "roughness": 0.6, "absorption": [0.2, 0.5, 1]},
     "tinted": {"type": "glass", "ior": 1.3, "absorption": [0.3, 0.6, 1]},
 }
 CAMERA = {"position": [0, 3, 6], "target": [0, 0.5, 0], "fov": 45}
@@ -204,10 +205,9 @@ SCENES: dict[str, Description] = {
     ),
     "box over shiny metal": scene(
         CAMERA,
-        sky=0.3,
+        sky=1,
         meshes=[box("mesh", "red", [0.1, 1, 0], 0.5, [20, 30, 0])],
         spheres=[ball("ground", "shiny", [0, -1000, 0], 1000)],
-        lights=[{"position": [-1.5, 3, 1.5], "intensity": 12, "radius": 0.3}],
     ),
     "box before plastic": scene(
         CAMERA,
@@ -220,6 +220,11 @@ SCENES: dict[str, Description] = {
         BEFORE,
         sky=0.5,
         spheres=[ball("glass", "frosted", [0, 1.2, 1.5], 0.7), ball("ball", "red", [0.1, 1, -0.5], 0.5), GROUND],
+    ),
+    "lamp in frosted glass": scene(
+        CAMERA,
+        spheres=[ball("glass", "milky", [0, 1, 0], 1), ball("ball", "dark", [0.2, 1.3, 0.4], 0.25)],
+        lights=[{"position": [-0.2, 0.8, -0.1], "intensity": 3}],
     ),
     "ball in tinted glass": scene(
         BEFORE,
@@ -384,13 +389,9 @@ def chain_rows() -> list[Row]:
 
 def rough_rows() -> list[Row]:
     """Return what rough surfaces see, and what moves inside of glass."""
-    ball, mesh, steps = "spheres.center[ball]", "meshes.vertices[mesh]", {"x": 0.03, "y": 0.03}
-    rows = [
-        Row(f"ball over metal, depth {d}, {k}", "ball over metal", ball, k, 0.05, steps[k], d)
-        for d in (1, 2)
-        for k in "xy"
-    ]
-    rows += [Row("ball over metal, camera x", "ball over metal", "camera.position", "x", 0.05, 0.03)]
+    ball, mesh = "spheres.center[ball]", "meshes.vertices[mesh]"
+    rows = [Row(f"ball over metal, {k}", "ball over metal", ball, k, 0.05, 0.03) for k in "xy"]
+    rows += [Row("ball over metal, camera x", "ball over metal", "camera.position", "x", 0.05, 0.02)]
     rows += [Row(f"box over shiny metal, {k}", "box over shiny metal", mesh, k, 0.05, 0.02, 2) for k in ("x", "turn")]
     rows += [Row(f"box before plastic, {k}", "box before plastic", mesh, k, 0.05, 0.02, 2) for k in ("x", "turn")]
     rows += [
@@ -404,6 +405,10 @@ def rough_rows() -> list[Row]:
             3,
         )
         for name in ("ball", "glass")
+    ]
+    rows += [
+        Row(f"lamp in frosted glass, {word}", "lamp in frosted glass", name, "x", 0.05, 0.02)
+        for word, name in (("ball x", ball), ("light x", "lights.position[0]"), ("camera x", "camera.position"))
     ]
     return rows + [
         Row(f"ball in tinted glass, {name} x", "ball in tinted glass", f"spheres.center[{name}]", "x", 0.05, 0.02, 3)

@@ -209,7 +209,7 @@ def test_what_is_missing_is_told_where_it_is_missing(kind):
 
 
 SEEN, LIGHTS_SEEN = "outlines seen by the camera", "outlines of lights seen by the camera"
-BOUNCED, LIGHTS_BOUNCED = "outlines seen by diffuse surfaces", "outlines of lights seen by diffuse surfaces"
+BOUNCED, LIGHTS_BOUNCED = "outlines seen by scattered rays", "outlines of lights seen by scattered rays"
 CUT, CHAINED = "curves where surfaces cross, seen by the camera", "edges seen in mirrors and through glass"
 SHADOWS, INDIRECT, CAUSTICS = "shadow edges", "shadow edges in indirect light", "edges of caustics"
 SUNK_UNDER_A_SKY = kinds(1, spheres=[SUNK_BALL, ball([3, 1, 0])], triangles=floor(0), sky=1)

@@ -9,7 +9,7 @@ import numpy as np
 from jax import lax
 
 import jaxrt
-from jaxrt.boundary.shadows import Carrier, _power_kept, setting_out, vertex
+from jaxrt.boundary.shadows import Carrier, _power_kept, around_lights, setting_out, vertex
 from jaxrt.core.records import Ray, SurfacePoint
 from jaxrt.core.samplers import Stream
 from jaxrt.materials import Materials, scatter
@@ -20,7 +20,7 @@ TINT, RADIUS = np.array([0.2, 0.7, 1.5]), 0.6
 N = 20_000
 
 
-def tables(absorption, inner):
+def tables(absorption, inner, height=5.0):
     """Return what lies below a lamp: a ball of glass that does not bend light, in it another thing, and a floor."""
     return tables_of(
         jaxrt.build(
@@ -36,7 +36,7 @@ def tables(absorption, inner):
                     {"center": [0, 1.2, 0], "radius": RADIUS, "material": "outer"},
                     {"center": [0, 1.2, 0], "radius": RADIUS / 2, "material": "clear"},
                 ],
-                "lights": [{"position": [0, 5, 0], "intensity": [10] * 3, "radius": 0.1}],
+                "lights": [{"position": [0, height, 0], "intensity": [10] * 3, "radius": 0.1}],
             }
         )
     )
@@ -44,10 +44,10 @@ def tables(absorption, inner):
 
 @jax.jit
 def arriving(tables):
-    """Return what the floor shows of light that falls straight through the balls' middle."""
-    down = Ray(jnp.asarray([0.0, 4.0, 0.0]), jnp.asarray([0.0, -1.0, 0.0]))
+    """Return what the floor shows of the lamp's light that falls straight through the balls' middle."""
+    down = Ray(tables.lights.lights.position[0] - jnp.asarray([0.0, 0.12, 0.0]), jnp.asarray([0.0, -1.0, 0.0]))
     zero, draw = jnp.zeros(3), SimpleNamespace(stream=Stream(*(jnp.uint32(i) for i in range(4))))
-    carrier = setting_out(tables, Carrier(down, down, jnp.zeros(()), jnp.ones(3), zero))
+    carrier = setting_out(Carrier(down, down, jnp.zeros(()), jnp.ones(3), zero), around_lights(tables), jnp.int32(0))
     return lax.scan(partial(vertex, tables, draw, True), carrier, jnp.arange(5, dtype=jnp.int32))[1].weight
 
 
@@ -58,6 +58,16 @@ def test_light_fades_on_its_way_from_a_lamp(quick_compilation):
     clear, dim = (np.asarray(arriving(tables(*pair)), float) for pair in pairs)
     assert np.all(clear[:4] == 0) and np.all(clear[4] > 0)
     np.testing.assert_allclose(dim[4] / clear[4], np.exp(-RADIUS * (TINT + inner)), rtol=1e-4)
+
+
+def test_light_fades_from_a_lamp_in_tinted_glass(quick_compilation):
+    """From between the outer ball's middle and top: what is around the lamp counts from where it starts."""
+    inner = np.array([0.9, 0.1, 0.4])
+    pairs = ([0.0] * 3, [0.0] * 3), (TINT.tolist(), inner.tolist())
+    clear, dim = (np.asarray(arriving(tables(*pair, height=1.65)), float) for pair in pairs)
+    assert np.all(clear[:3] == 0) and np.all(clear[3] > 0)
+    travelled = 1.65 - 0.12 - (1.2 - RADIUS) - RADIUS
+    np.testing.assert_allclose(dim[3] / clear[3], np.exp(-travelled * TINT - RADIUS * inner), rtol=1e-4)
 
 
 def test_rough_glass_keeps_power(quick_compilation):

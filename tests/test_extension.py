@@ -563,9 +563,10 @@ def test_what_glossy_surfaces_see_is_named() -> None:
     plush = jaxrt.build(table)
     assert not coverage(plush, "spheres.center", 1, 64, 0).missing
     assert coverage(plush, "spheres.center", 2, 64, 0).missing == (GLOSSY, OWN_TURNS)
+    assert "outlines seen by scattered rays" not in coverage(plush, "spheres.center", 2, 64, 0).included
     gold = jaxrt.build({**table, "materials": {"white": {"type": "conductor", "albedo": [0.9, 0.7, 0.3]}}})
-    assert coverage(gold, "spheres.center", 2, 64, 0).missing == (GLOSSY,)
-    assert "outlines seen by diffuse surfaces" not in coverage(plush, "spheres.center", 2, 64, 0).included
+    assert "outlines seen by scattered rays" in coverage(gold, "spheres.center", 2, 64, 0).included
+    assert not coverage(gold, "spheres.center", 2, 64, 0).missing
     # A point hides nothing
     assert not coverage(plush, "lights.position", 2, 64, 0).missing
     bulb = {"position": [2, 5, 1], "intensity": 9, "radius": 0.5}

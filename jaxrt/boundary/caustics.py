@@ -20,6 +20,7 @@ from jaxrt.boundary.shadows import (
     BEYOND,
     Carrier,
     Plan,
+    around_lights,
     bins_for,
     carrier_past,
     light_point,
@@ -54,6 +55,7 @@ class CausticTables:
 
     tables: Tables
     outlines: Silhouettes
+    around: Array | None  # as of `ShadowTables`
 
 
 @pytree
@@ -82,7 +84,7 @@ def caustic_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, .
     edges = edge_table(scene.triangles) if scene.triangles is not None and plan.geometry_moves else None
     outlines = Silhouettes(tables.geometry.spheres, edges)
     weights, blocked = _weights(tables, outlines, plan)
-    operands = CausticTables(tables, outlines)
+    operands = CausticTables(tables, outlines, around_lights(tables))
     sample = partial(_sample, plan, blocked)
     return (sample_guided(sample, operands, weights, plan.n, seed ^ jnp.uint32(4), plan.devices),)
 
@@ -174,6 +176,7 @@ def _from_rim(operands: CausticTables, draw: Draw, placed: Placed) -> Grazing:
     flux = jnp.where(rim.valid, lights.intensity[light] * spread, 0)
     carrier = Carrier(ray, ray, rim.distance * (1 - BEYOND), flux, jnp.zeros_like(flux))
     # Outside there is no light
+    carrier = setting_out(carrier, operands.around, light)
     return Grazing(carrier, row, t, rim, jnp.zeros_like(flux), -jnp.ones_like(radius))
 
 
@@ -229,6 +232,7 @@ def _past_outline(operands: CausticTables, draw: Draw, placed: Placed) -> Grazin
     source = light_point(tables.lights, outlines, light, row, t, draw.spread)
     rim = rim_at(outlines, row, t, source.position, False)
     carrier = carrier_past(source, rim, placed.density * bins * draw.total)
+    carrier = setting_out(carrier, operands.around, light)
     skimming = _skimming(operands, row, rim, carrier.ray.direction)
     return Grazing(carrier, row, t, rim, skimming, jnp.ones_like(t))
 
@@ -249,7 +253,7 @@ def _followed(plan: Plan, operands: CausticTables, draw: Draw, light: Grazing) -
     """Return what light brings to the picture by mirrors and glass, and the constants of its clearance."""
     tables, rim = operands.tables, light.rim
     events = jnp.arange(plan.max_depth, dtype=jnp.int32)
-    _, vertices = lax.scan(partial(vertex, tables, draw, True), setting_out(tables, light.carrier), events)
+    _, vertices = lax.scan(partial(vertex, tables, draw, True), light.carrier, events)
     skimming = jnp.where((events < plan.max_depth - 1)[:, None], light.skimming[None], 0)
     vertices = replace(vertices, weight=vertices.weight * (1 - skimming))
     measure = jnp.sum(vertices.weight)

@@ -44,6 +44,7 @@ BEYOND = 1e-3  # a receiver is farther than the outline by this share of its dis
 LOBE = 0.9  # share of light points drawn by the cosine to the outline; the others are uniform
 FEW_ROWS = 512  # outlines up to this number are cut into BINS bins each
 BINS = 8
+WALLS = 8  # surfaces behind which a light may be of what it is in
 GRAZING = 1e-4  # smallest cosine between camera ray and receiver
 
 
@@ -66,6 +67,7 @@ class ShadowTables:
     tables: Tables
     outlines: Silhouettes
     faces: Array | None  # (n, 3) int32
+    around: Array | None  # (lights, 3) absorption of what each light is in; None where nothing absorbs
 
 
 @pytree
@@ -106,7 +108,7 @@ def shadow_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ..
         return ()
     bins = bins_for(outlines.rows)
     faces = scene.triangles.faces if scene.triangles is not None and plan.geometry_moves else None
-    operands = ShadowTables(tables, outlines, faces)
+    operands = ShadowTables(tables, outlines, faces, around_lights(tables))
     weights = shadow_weights(tables, outlines, bins)
     return sample_guided(partial(_sample, plan, bins), operands, weights, plan.n, seed, plan.devices)
 
@@ -147,7 +149,7 @@ def _sample(plan: Plan, bins: int, operands: ShadowTables, draw: Draw) -> tuple[
     rim = once(partial(rim_at, creases=False))(outlines, row, t, source.position)
     source = _shone(tables.lights.lights, light, source, rim)
     density = placed.density * bins * draw.total
-    carrier = setting_out(tables, once(carrier_past)(source, rim, density))
+    carrier = setting_out(once(carrier_past)(source, rim, density), operands.around, light)
     # Follow its light
     walk = partial(vertex, tables, draw, False)
     _, vertices = lax.scan(walk, carrier, jnp.arange(plan.max_depth, dtype=jnp.int32))
@@ -229,9 +231,34 @@ def carrier_past(source: LightPoint, rim: Rim, density: Array) -> Carrier:
     return Carrier(*rays, rim.distance * (1 + BEYOND), flux, -NUDGE * rim.normal)
 
 
-def setting_out(tables: Tables, carrier: Carrier) -> Carrier:
-    """Return light that sets out outside of glass, as far as is known."""
-    return replace(carrier, absorption=jnp.zeros_like(carrier.flux)) if tables.materials.absorb else carrier
+def around_lights(tables: Tables) -> Array | None:
+    """Return the absorption (lights, 3) of what each light that has a place is in; None where nothing absorbs."""
+    if not tables.materials.absorb:
+        return None
+    assert tables.lights is not None
+
+    def around(place: Array) -> Array:
+        """Return that of the first clear surface on some way out, if it is met from inside."""
+
+        def further(_: int, state: tuple[Ray, Array, Array]) -> tuple[Ray, Array, Array]:
+            ray, found, absorption = state
+            hit = once(find)(tables.geometry, ray)
+            point = once(surface_point)(tables.geometry, ray, hit)
+            inside, clear = absorption_of(tables.materials, point)
+            first = hit.valid & clear & ~found
+            leaves = dot(point.shading, ray.direction) > 0
+            return once(leave)(point, ray.direction), found | first, jnp.where(first & leaves, inside, absorption)
+
+        up = normalize(jnp.asarray([0.3, 0.8, 0.5], place.dtype))
+        nothing = jnp.zeros((), bool), jnp.zeros_like(place)
+        return lax.fori_loop(0, WALLS, further, (Ray(place, up), *nothing))[2]
+
+    return lax.map(around, casters_of(tables.lights.lights)[0])
+
+
+def setting_out(carrier: Carrier, around: Array | None, light: Array) -> Carrier:
+    """Return light that sets out within what is around its lamp."""
+    return carrier if around is None else replace(carrier, absorption=around[light])
 
 
 def vertex(tables: Tables, draw: Draw, bent: bool, carrier: Carrier, k: Array) -> tuple[Carrier, Vertex]:
@@ -254,7 +281,12 @@ def vertex(tables: Tables, draw: Draw, bent: bool, carrier: Carrier, k: Array) -
     scattering = in_stages(scatter)(tables.materials, point, wo, (u[0], u[1]))
     passes = arrived & ((scattering.specular if bent else scattering.lit) | (k > 0))
     # Show it to the camera
-    view, share = once(_connect)(tables, point, face_forward(point.shading, wo), travelled * carrier.aside)
+    faced = face_forward(point.shading, wo)
+    if any(kind.transmits and not kind.is_delta for kind in tables.materials.kinds):
+        # What lets light pass shows it on both sides
+        away = tables.camera.eye(point.position) - point.position
+        faced = jnp.where(absorption_of(tables.materials, point)[1], face_forward(point.shading, away), faced)
+    view, share = once(_connect)(tables, point, faced, travelled * carrier.aside)
     shown = passes & scattering.lit & (share > 0)
     weight = jnp.where(shown, _toward_camera(tables, point, wo, scattering, arriving, share), 0)
     pixel = jnp.where(shown, view.pixel, tables.camera.width * tables.camera.height)
@@ -329,7 +361,7 @@ def _connect(tables: Tables, point: SurfacePoint, facing: Array, aside: Array) -
     away = eye - point.position
     squared = dot(away, away)
     direction = normalize(away)
-    # What the camera sees of the surface, on the side that is lit
+    # What the camera sees of the surface, on the side that shows light
     cosine = jnp.where(dot(facing, direction) > 0, jnp.abs(dot(point.normal, direction)), 0)
     faced = view.inside & (cosine > GRAZING)
     # A ray of no length finds nothing, in no time

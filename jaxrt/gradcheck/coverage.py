@@ -7,7 +7,6 @@ import numpy as np
 from jaxrt.cameras import edges_known
 from jaxrt.gradcheck.surfaces import lamps_cross, movers_of, nothing_faces_another, some_cross, surfaces_of
 from jaxrt.lights import casters_of
-from jaxrt.materials.facets import Faceted
 from jaxrt.scene import Scene
 from jaxrt.scene.measures import bends_light, measure, moves_lamps, moves_shapes
 
@@ -15,9 +14,8 @@ CROSSING = "curves where surfaces cross, as diffuse surfaces see them"
 SUNK = "curves where lights are sunk into surfaces"
 SPECULAR = "edges that diffuse surfaces see in mirrors and through glass"
 BEHIND = "caustics and indirect shadows seen in mirrors and through glass"
-GLOSSY = "outlines that glossy surfaces see"
+GLOSSY = "outlines that glossy materials of one's own see"
 OWN_TURNS = "how paths move that turn on glossy materials of one's own"
-TINTED = "the right weight of edges inside tinted glass, and of those whose light passes through rough glass"
 AFAR = "shadow edges of lights that are at no place"
 SCATTERED = "all edges: the camera's rays start at many places"
 
@@ -97,7 +95,7 @@ def _known_edges(scene: Scene, motion: Motion, max_depth: int) -> list[str]:
     shadows = _have_places(scene) and outlines and materials.are_lit
     seen = "outlines" if motion.views else "outlines of lights"
     outlined = (motion.views and outlines) or sizes
-    bounces = materials.ends[0] > 0 and (scene.environment is not None or (lights is not None and max_depth > 1))
+    bounces = materials.see_outlines and (scene.environment is not None or (lights is not None and max_depth > 1))
     chains = sizes or (max_depth > 1 and (motion.views or shadows)) or (motion.views and _is_bright(scene))
     edges = {
         "shadow edges": shadows and (motion.lamps or motion.direct),
@@ -105,8 +103,8 @@ def _known_edges(scene: Scene, motion: Motion, max_depth: int) -> list[str]:
         "curves where surfaces cross, seen by the camera": motion.crosses and (motion.direct or materials.are_delta),
         "edges seen in mirrors and through glass": motion.shows and chains,
         "shadow edges in indirect light": shadows and max_depth > 1,
-        # After the last event, a diffuse surface sees the sky alone
-        f"{seen} seen by diffuse surfaces": outlined and bounces,
+        # After the last event, a scattered ray sees the sky alone
+        f"{seen} seen by scattered rays": outlined and bounces,
         "edges of caustics": motion.shows and materials.are_lit and sizes and max_depth > 1,
     }
     return [edge for edge, there in edges.items() if there]
@@ -123,22 +121,11 @@ def _unknown_edges(scene: Scene, motion: Motion, max_depth: int) -> list[str]:
         SUNK: motion.sunk and (lit or (motion.lamps and not motion.shows)),
         SPECULAR: outlines and motion.shows and lit and (ahead > 1 or (sky and ahead > 0)),
         BEHIND: (motion.lamps or motion.views) and motion.shows and lit and _have_places(scene) and ahead > 1,
-        GLOSSY: outlines and motion.faced and scene.materials.are_glossy and (sky or ahead > 0),
-        OWN_TURNS: motion.views and _tell_no_numbers(scene) and _have_places(scene) and ahead > 0,
-        TINTED: (motion.lamps or motion.views) and _dims(scene) and lit and _have_places(scene),
+        GLOSSY: outlines and motion.faced and not scene.materials.tell_numbers and (sky or ahead > 0),
+        OWN_TURNS: motion.views and not scene.materials.tell_numbers and _have_places(scene) and ahead > 0,
         AFAR: motion.far and motion.faced and lit,
     }
     return [edge for edge, there in edges.items() if there]
-
-
-def _tell_no_numbers(scene: Scene) -> bool:
-    """Return whether some glossy materials do not tell by which numbers they scatter to somewhere."""
-    return any(not (kind.is_delta or kind.is_lambertian or isinstance(kind, Faceted)) for kind in scene.materials.kinds)
-
-
-def _dims(scene: Scene) -> bool:
-    """Return whether light passes through anything by which its power is not what the edges' tracing takes it for."""
-    return scene.materials.absorb or any(kind.transmits and not kind.is_delta for kind in scene.materials.kinds)
 
 
 def _have_places(scene: Scene) -> bool:

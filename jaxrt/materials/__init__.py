@@ -86,8 +86,13 @@ class Materials:
         return any(not (kind.is_delta or kind.is_lambertian) for kind in self.kinds)
 
     @property
+    def tell_numbers(self) -> bool:
+        """Whether all glossy ones tell by which numbers they scatter to somewhere."""
+        return all(kind.is_delta or kind.is_lambertian or _tells_numbers(kind) for kind in self.kinds)
+
+    @property
     def see_outlines(self) -> bool:
-        """Whether any scatters to where outlines are, by numbers that it tells."""
+        """Whether any scatters to where outlines are, by numbers that are known."""
         return any(kind.is_lambertian or _tells_numbers(kind) for kind in self.kinds)
 
     @property

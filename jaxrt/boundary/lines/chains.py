@@ -21,9 +21,9 @@ from jaxrt.core.sampling import (
 )
 from jaxrt.kernels.native import in_stages, once
 from jaxrt.lights import casters_of, intensity_toward, pick
-from jaxrt.materials import Scattering, evaluate, scatter
+from jaxrt.materials import Scattering, absorption_of, evaluate, scatter
 from jaxrt.shapes import distance_to, find, leave, surface_point
-from jaxrt.transport.path import Tables
+from jaxrt.transport.path import Medium, Tables
 
 ENDED, MISSED = -2, -1  # in place of a primitive
 AWAY = 1e18  # where rays start that are not wanted: they meet nothing, in no time
@@ -42,6 +42,7 @@ class Chain:
     through: Array  # (c,) bool: the ray went on through the surface
     last: Array  # () int32 number of the last event, from 0
     weight: Array  # (3,) throughput up to there
+    absorption: Array | None  # (3,) per unit of length, of what its last ray comes through; None where nothing absorbs
 
 
 @pytree
@@ -57,8 +58,10 @@ class Lamp:
 def chain_from(tables: Tables, ray: Ray, numbers: Numbers, length: int) -> Chain:
     """Return the chain of a camera ray. numbers: of each event, from 1, as for `radiance`."""
 
-    def event(carry: tuple[Ray, Array, Array], k: Array) -> tuple[tuple[Ray, Array, Array], tuple[Turn, Array, Array]]:
-        ray, going, weight = carry
+    Carry = tuple[Ray, Array, Array, Array | None]
+
+    def event(carry: Carry, k: Array) -> tuple[Carry, tuple[Turn, Array, Array]]:
+        ray, going, weight, absorption = carry
         start = jnp.where(going, ray.origin, AWAY) if length > 1 else ray.origin
         hit = once(find)(tables.geometry, Ray(start, ray.direction))
         point = once(surface_point)(tables.geometry, ray, hit)
@@ -66,15 +69,20 @@ def chain_from(tables: Tables, ray: Ray, numbers: Numbers, length: int) -> Chain
         scattering = in_stages(scatter)(tables.materials, point, -ray.direction, (u[0], u[1]))
         met = jnp.where(going, jnp.where(hit.valid, hit.index, MISSED), ENDED)
         on = going & hit.valid & scattering.specular
+        if absorption is not None:
+            medium = Medium(absorption, point, -ray.direction, *absorption_of(tables.materials, point))
+            weight = jnp.where(going & hit.valid, weight * medium.passed(), weight)
+            absorption = jnp.where(on, medium.beyond(scattering.direction), absorption)
         side = dot(point.shading, ray.direction) * dot(point.shading, scattering.direction)
         onward = once(leave)(point, scattering.direction)
         weight = jnp.where(on, weight * scattering.weight, weight)
-        return (onward, on, weight), (Turn(ray, hit.index, (u[0], u[1])), met, on & (side > 0))
+        return (onward, on, weight, absorption), (Turn(ray, hit.index, (u[0], u[1])), met, on & (side > 0))
 
-    start = ray, jnp.ones((), bool), jnp.ones_like(ray.origin)
-    (_, _, weight), (turns, met, through) = lax.scan(event, start, jnp.arange(length, dtype=jnp.int32))
+    ones = jnp.ones_like(ray.origin)
+    start = ray, jnp.ones((), bool), ones, jnp.zeros_like(ones) if tables.materials.absorb else None
+    (_, _, weight, absorption), (turns, met, through) = lax.scan(event, start, jnp.arange(length, dtype=jnp.int32))
     last = jnp.sum(jnp.where(met != ENDED, 1, 0)).astype(jnp.int32) - 1
-    return Chain(turns, met, through, last, weight)
+    return Chain(turns, met, through, last, weight, absorption)
 
 
 def end_of(tables: Tables, chain: Chain) -> tuple[SurfacePoint, Ray, Array]:
@@ -136,7 +144,7 @@ def blocker(tables: Tables, chain: Chain, lamp: Lamp, max_depth: int) -> tuple[R
     length = safe_sqrt(dot(away, away))
     ray = leave(point, normalize(away))
     behind = (chain.last > 0) & (chain.last < max_depth)
-    wanted = lit & behind & (_sent(tables, point, arriving, lamp, ray.direction, length) > 0).any()
+    wanted = lit & behind & (_sent(tables, chain, point, arriving, lamp, ray.direction, length) > 0).any()
     hit = once(find)(tables.geometry, Ray(jnp.where(wanted, ray.origin, AWAY), ray.direction))
     nearer = distance_to(tables.geometry, ray, hit.index) < length * (1 - BEYOND)
     own = tables.lights is not None and tables.lights.lights.have_size
@@ -149,11 +157,14 @@ def sent_by(tables: Tables, chain: Chain, lamp: Lamp) -> Array:
     point, arriving, lit = end_of(tables, chain)
     away = lamp.position - point.position
     length = safe_sqrt(dot(away, away))
-    sent = _sent(tables, point, arriving, lamp, normalize(away), length)
+    sent = _sent(tables, chain, point, arriving, lamp, normalize(away), length)
     return jnp.where(lit, chain.weight * sent, 0)
 
 
-def _sent(tables: Tables, point: SurfacePoint, arriving: Ray, lamp: Lamp, direction: Array, length: Array) -> Array:
+def _sent(
+    tables: Tables, chain: Chain, point: SurfacePoint, arriving: Ray, lamp: Lamp, direction: Array, length: Array
+) -> Array:
+    """Return what a light's point sends from a chain's end along its last ray, by a ray so long."""
     wo = -arriving.direction
     scattering: Scattering = scatter(tables.materials, point, wo, (jnp.zeros_like(length), jnp.zeros_like(length)))
     sphere = dot(lamp.omega, lamp.omega) > 0
@@ -165,4 +176,7 @@ def _sent(tables: Tables, point: SurfacePoint, arriving: Ray, lamp: Lamp, direct
     if scattering.glossy is not None:
         shiny = in_stages(evaluate)(tables.materials, point, wo, direction)[0]
         value = jnp.where(scattering.glossy, shiny, value)
+    if chain.absorption is not None:
+        medium = Medium(chain.absorption, point, wo, *absorption_of(tables.materials, point))
+        value = value * jnp.exp(-medium.beyond(direction) * length)
     return irradiance * value
