@@ -31,7 +31,7 @@ MATERIALS: Description = {
     "plastic": {"type": "plastic", "albedo": [0.3, 0.5, 0.7], "roughness": 0.4},
     "frosted": {"type": "rough_glass", "ior": 1.5, "roughness": 0.3},
     "milky": {"type": "rough_glass", "ior": 1.4, "roughness": 0.6, "absorption": [0.2, 0.5, 1]},
-    "tinted": {"type": "glass", "ior": 1.3, "absorption": [0.3, 0.6, 1]},
+    "tinted": {"type": "glass", "ior": 1, "absorption": [0.3, 0.6, 1]},
 }
 CAMERA = {"position": [0, 3, 6], "target": [0, 0.5, 0], "fov": 45}
 BEFORE = {"position": [0, 2, 7], "target": [0, 1, 0], "fov": 45}
@@ -226,15 +226,14 @@ SCENES: dict[str, Description] = {
         spheres=[ball("glass", "milky", [0, 1, 0], 1), ball("ball", "dark", [0.2, 1.3, 0.4], 0.25)],
         lights=[{"position": [-0.2, 0.8, -0.1], "intensity": 3}],
     ),
-    "ball in tinted glass": scene(
-        BEFORE,
-        sky=0.5,
+    "lamp in tinted glass": scene(
+        CAMERA,
         spheres=[
-            ball("glass", "tinted", [0, 1.2, 1], 1),
-            ball("ball", "red", [0.3, 1.4, 1], 0.3),
-            ball("block", "light", [-0.3, 0.8, 0.9], 0.4),
-            GROUND,
+            ball("glass", "tinted", [0, 1, 0], 1.4),
+            ball("ball", "red", [0.3, 1.3, 0.3], 0.25),
+            ball("block", "light", [-0.4, 0.7, 0], 0.5),
         ],
+        lights=[{"position": [0.9, 1.5, 0.4], "intensity": 3}],
     ),
     # Others like them
     "other box beside a lamp": scene(
@@ -406,13 +405,10 @@ def rough_rows() -> list[Row]:
         )
         for name in ("ball", "glass")
     ]
-    rows += [
-        Row(f"lamp in frosted glass, {word}", "lamp in frosted glass", name, "x", 0.05, 0.02)
-        for word, name in (("ball x", ball), ("light x", "lights.position[0]"), ("camera x", "camera.position"))
-    ]
     return rows + [
-        Row(f"ball in tinted glass, {name} x", "ball in tinted glass", f"spheres.center[{name}]", "x", 0.05, 0.02, 3)
-        for name in ("ball", "glass")
+        Row(f"lamp in {glass} glass, {word}", f"lamp in {glass} glass", name, "x", 0.05, 0.02, depth)
+        for glass, depth in (("frosted", 1), ("tinted", 3))
+        for word, name in (("ball x", ball), ("light x", "lights.position[0]"), ("camera x", "camera.position"))
     ]
 
 

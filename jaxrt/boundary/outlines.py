@@ -25,7 +25,7 @@ from jaxrt.core.records import Hit, Ray, Smooth, SurfacePoint
 from jaxrt.core.samplers import independent
 from jaxrt.kernels.native import once
 from jaxrt.scene import Scene
-from jaxrt.shapes import Geometry, charted_as, find, surface_point
+from jaxrt.shapes import Geometry, charted_as, find, measured, surface_point
 from jaxrt.shapes.sphere import onto_sphere, sphere_chart, sphere_error
 from jaxrt.shapes.triangle import triangle_point_at
 from jaxrt.transport.outputs import what_is_met
@@ -141,7 +141,7 @@ def both_sides(
         inside, outside = _at_edge(tables.geometry, outlines, row, rim, toward)
         beyond = jax.tree.map(lambda a, b: jnp.where(outside[0], a, b), outside[1], beyond)
     if outlines.spheres is not None:
-        at_rim = _at_rim(outlines, row, rim, toward, place)
+        at_rim = _at_rim(tables.geometry, outlines, row, rim, toward, place)
         of_sphere = row < outlines.spheres_count
         inside = at_rim if inside is None else jax.tree.map(lambda a, b: jnp.where(of_sphere, a, b), at_rim, inside)
     return jax.tree.map(lambda *x: jnp.stack(x), beyond, inside), ~hidden
@@ -171,12 +171,14 @@ def _at_edge(
 
     def met(face: Array) -> tuple[Ray, Hit, SurfacePoint]:
         point = triangle_point_at(triangles, rim.point, ray.direction, face)
-        return ray, Hit(face + n, jnp.ones((), bool)), point
+        return ray, Hit(face + n, jnp.ones((), bool)), measured(geometry, ray, point)
 
     return met(nearer), (apart, met(faces[1]))
 
 
-def _at_rim(outlines: Silhouettes, row: Array, rim: Rim, ray: Ray, like: SurfacePoint) -> tuple[Ray, Hit, SurfacePoint]:
+def _at_rim(
+    geometry: Geometry, outlines: Silhouettes, row: Array, rim: Rim, ray: Ray, like: SurfacePoint
+) -> tuple[Ray, Hit, SurfacePoint]:
     """Return how a ray to a sphere's rim meets the sphere. like: a surface point of the scene."""
     spheres = outlines.spheres
     assert spheres is not None
@@ -192,7 +194,7 @@ def _at_rim(outlines: Silhouettes, row: Array, rim: Rim, ray: Ray, like: Surface
         point = charted_as(replace(point, chart=sphere_chart(spheres, rim.normal)), like)
     # By rounding a ray along the surface may seem to come from inside, where it is dark
     from_outside = Ray(ray.origin, normalize(ray.direction - NUDGE * rim.normal))
-    return from_outside, Hit(sphere, jnp.ones((), bool)), point
+    return from_outside, Hit(sphere, jnp.ones((), bool)), measured(geometry, from_outside, point)
 
 
 def _radiance_from(plan: Plan, tables: Tables, draw: Draw, ray: Ray, hit: Hit, point: SurfacePoint) -> Array:

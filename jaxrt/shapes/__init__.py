@@ -140,7 +140,11 @@ def occluded(geometry: Geometry, ray: Ray, distance: Array, skip: Array | None =
 
 def surface_point(geometry: Geometry, ray: Ray, hit: Hit) -> SurfacePoint:
     """Return the point where the ray meets primitive `hit.index`; finite, but meaningless, where nothing is hit."""
-    point = _surface_point(geometry, ray, hit)
+    return measured(geometry, ray, _surface_point(geometry, ray, hit))
+
+
+def measured(geometry: Geometry, ray: Ray, point: SurfacePoint) -> SurfacePoint:
+    """Return the point with the length of the ray that found it, where the scene wants that."""
     if not geometry.is_measured:
         return point
     return replace(point, travelled=dot(place_of(point) - ray.origin, ray.direction))
