@@ -393,21 +393,10 @@ def rough_rows() -> list[Row]:
     rows += [Row("ball over metal, camera x", "ball over metal", "camera.position", "x", 0.05, 0.02)]
     rows += [Row(f"box over shiny metal, {k}", "box over shiny metal", mesh, k, 0.05, 0.02, 2) for k in ("x", "turn")]
     rows += [Row(f"box before plastic, {k}", "box before plastic", mesh, k, 0.05, 0.02, 2) for k in ("x", "turn")]
-    rows += [
-        Row(
-            f"ball behind frosted glass, {name} x",
-            "ball behind frosted glass",
-            f"spheres.center[{name}]",
-            "x",
-            0.05,
-            0.02,
-            3,
-        )
-        for name in ("ball", "glass")
-    ]
+    rows += [Row("ball behind frosted glass, ball x", "ball behind frosted glass", ball, "x", 0.05, 0.02, 3)]
     return rows + [
-        Row(f"lamp in {glass} glass, {word}", f"lamp in {glass} glass", name, "x", 0.05, 0.02, depth)
-        for glass, depth in (("frosted", 1), ("tinted", 3))
+        Row(f"lamp in {glass} glass, {word}", f"lamp in {glass} glass", name, "x", 0.05, step, depth)
+        for glass, depth, step in (("frosted", 1, 0.02), ("tinted", 3, 0.01))
         for word, name in (("ball x", ball), ("light x", "lights.position[0]"), ("camera x", "camera.position"))
     ]
 
