@@ -396,7 +396,7 @@ def rough_rows() -> list[Row]:
     rows += [Row("ball behind frosted glass, ball x", "ball behind frosted glass", ball, "x", 0.05, 0.02, 3)]
     return rows + [
         Row(f"lamp in {glass} glass, {word}", f"lamp in {glass} glass", name, "x", 0.05, step, depth)
-        for glass, depth, step in (("frosted", 1, 0.02), ("tinted", 3, 0.01))
+        for glass, depth, step in (("frosted", 1, 0.02), ("tinted", 3, 0.005))
         for word, name in (("ball x", ball), ("light x", "lights.position[0]"), ("camera x", "camera.position"))
     ]
 

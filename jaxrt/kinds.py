@@ -4,6 +4,7 @@ from jaxrt.core.maths import dot, face_forward, normalize, reflect, safe_divide,
 from jaxrt.core.records import Ray, SurfacePoint
 from jaxrt.core.sampling import (
     around,
+    numbers_of_direction,
     pdf_cosine_hemisphere,
     pdf_uniform_sphere,
     sample_cosine_hemisphere,
@@ -57,6 +58,7 @@ __all__ = [
     "light",
     "material",
     "normalize",
+    "numbers_of_direction",
     "pdf_cosine_hemisphere",
     "pdf_uniform_sphere",
     "reflect",

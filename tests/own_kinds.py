@@ -10,6 +10,7 @@ from jaxrt.kinds import (
     around,
     dot,
     material,
+    numbers_of_direction,
     pdf_cosine_hemisphere,
     reflect,
     safe_sqrt,
@@ -29,6 +30,9 @@ class Chalk:
     def evaluate(self, surface, wo, wi):
         cos = jnp.maximum(dot(surface.facing(wo), wi), 0)
         return self.albedo * (cos / math.pi), pdf_cosine_hemisphere(cos)
+
+    def numbers_toward(self, surface, wo, wi, coin):
+        return numbers_of_direction(surface.facing(wo), wi)
 
 
 @material

@@ -10,9 +10,9 @@ from edge_scenes import plan, quad, quick_jit
 
 import jaxrt
 from benchmarks.edge_rows import bumps
-from benchmarks.edge_scenes import SCENES
+from benchmarks.edge_scenes import SCENES, round_mesh
 from benchmarks.ladder import build
-from jaxrt.boundary import clearance_of, splat
+from jaxrt.boundary import clearance_of, sample_edges, splat
 from jaxrt.boundary.bounced import bounced_edges
 from jaxrt.boundary.shadows import shadow_edges
 from jaxrt.core.records import SurfacePoint
@@ -167,3 +167,26 @@ def test_the_shadow_that_a_ball_casts_on_frosted_glass_shows_from_outside():
     size = np.linalg.norm(expected)
     assert np.linalg.norm(found.std(0)) < 0.02 * size
     assert np.linalg.norm(found.mean(0) - expected) < 0.03 * size
+
+
+SURFACES = {
+    "tinted": {"type": "glass", "ior": 1.5, "absorption": [0.1, 0.2, 0.3]},
+    "milky": {"type": "rough_glass", "ior": 1.5, "absorption": [0.1, 0.2, 0.3]},
+    "metal": {"type": "conductor", "albedo": [0.9, 0.7, 0.4]},
+    "paint": {"type": "plastic", "albedo": [0.3, 0.5, 0.7]},
+    "white": {"type": "diffuse", "albedo": [0.8, 0.8, 0.8]},
+}
+
+
+@pytest.mark.parametrize("kinds", [1, pytest.param(len(SURFACES), marks=pytest.mark.slow)])
+def test_edges_are_sampled_whatever_the_surfaces_are_of(kinds):
+    """The program is made up, not compiled: what one kind of surface has, the edges of all must have."""
+    used = {name: SURFACES[name] for name in list(SURFACES)[:kinds]}
+    scene = {"materials": used, "environment": {"radiance": [1, 1, 1]}}
+    scene["spheres"] = [{"center": [3 * i, 1, 0], "radius": 1, "material": name} for i, name in enumerate(used)]
+    if kinds > 1:
+        scene["meshes"] = [round_mesh(smooth=True) | {"material": "milky", "translate": [0, 1, 4]}]
+    scene["lights"] = [{"position": [0, 5, 0], "intensity": 10, "radius": 0.1}]
+    scene["camera"] = {"position": [0, 1, 9], "target": [0, 1, 0], "width": 8, "height": 8}
+    sample = partial(sample_edges, plan=plan(64, kinds, geometry=True, lights=True))
+    assert jax.eval_shape(sample, drawn(jaxrt.build(scene)), jax.ShapeDtypeStruct((), jnp.uint32))

@@ -21,6 +21,7 @@ CONTRACTS: dict[str, dict[str, tuple[tuple[Any, ...], Any, str]]] = {
     "material": {
         "sample": ((SURFACE, VECTOR, PAIR), (VECTOR, VECTOR), "(wi (3,), weight (3,))"),
         "evaluate": ((SURFACE, VECTOR, VECTOR), (VECTOR, NUMBER), "(f cosθ (3,), pdf ())"),
+        "numbers_toward": ((SURFACE, VECTOR, VECTOR, NUMBER), PAIR, "(u0 (), u1 ())"),
     },
     "delta light": {
         "sample": ((VECTOR, PAIR), (VECTOR, NUMBER, VECTOR), "(direction (3,), distance (), irradiance (3,))")

@@ -308,7 +308,9 @@ def _where(cls: type) -> str:
 
 
 def _of_material(cls: Any) -> Sequence[str]:
-    return ("sample",) if cls.is_delta else ("sample", "evaluate")
+    if cls.is_delta:
+        return ("sample",)
+    return ("sample", "evaluate", *(name for name in ("numbers_toward",) if hasattr(cls, name)))
 
 
 def _of_light(cls: Any) -> Sequence[str]:
