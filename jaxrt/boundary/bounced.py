@@ -18,10 +18,10 @@ from jaxrt.boundary.guiding import Draw, one_of_both, place, sample_guided
 from jaxrt.boundary.lookouts import Lookouts, lookouts_at, nearest_lookout, point_seen
 from jaxrt.boundary.outlines import LIGHTS_ONLY, both_sides
 from jaxrt.boundary.shadows import Plan
-from jaxrt.boundary.silhouettes import Rim, Silhouettes, edge_table, rim_at
+from jaxrt.boundary.silhouettes import Rim, Silhouettes, aim_at, edge_table, rim_at
 from jaxrt.boundary.trail import central_ray, through_lens
 from jaxrt.cameras import edges_known
-from jaxrt.core.maths import dot, face_forward, normalize, safe_divide
+from jaxrt.core.maths import dot, face_forward, normalize, reflect, safe_divide
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.core.samplers import Stream, independent
@@ -36,6 +36,7 @@ TILES = 8  # the picture is divided into so many parts each way, among which a p
 CANDIDATES = 32  # points of outlines, of which one is taken by how large it looks
 LOOKOUTS = 64
 SHARE = 3  # one of so many boundary samples: each costs as much as several others
+WIDE = 3.0  # radians: a lobe of all directions
 TURNED = 1e-6  # least cosine at which a diffuse surface sees anything
 
 
@@ -76,6 +77,23 @@ class Station:
         wo = -self.arrival.turn.ray.direction
         value = in_stages(evaluate)(tables.materials, self.point, wo, direction)[0]
         return jnp.where(self.arrival.glossy, value, even)
+
+    def lobe(self, tables: Tables) -> "Lobe":
+        """Return where a glossy surface mirrors light to, and about how wide its lobe is there."""
+        assert self.arrival.glossy is not None
+        wo = -self.arrival.turn.ray.direction
+        direction = reflect(wo, self.facing)
+        pdf = in_stages(evaluate)(tables.materials, self.point, wo, direction)[1]
+        return Lobe(direction, lax.rsqrt(jnp.maximum(jnp.pi * pdf, WIDE**-2)), self.arrival.glossy)
+
+
+@pytree
+class Lobe:
+    """The directions that a glossy surface scatters to, in the main."""
+
+    direction: Array  # (3,)
+    angle: Array  # () radians from it
+    there: Array  # () bool
 
 
 @pytree
@@ -223,15 +241,27 @@ def _grazing(plan: Plan, operands: BouncedTables, station: Station, draw: Draw) 
         sent = jnp.mean(station.sends(tables, normalize(rim.point - station.eye)))
         return jnp.where(ok, safe_divide(rim.jacobian * sent, rim.distance * rim.distance * density), 0)
 
+    def drawn(outlines: Silhouettes, lookouts: Lookouts, lobe: Lobe | None, k: Array) -> tuple[Array, Array, Array]:
+        """Return row, place and density of point k: all are evenly spread, but half of those by a lobe near to it."""
+        if lobe is None:
+            return point_seen(lookouts, start, (k.astype(eye.dtype) + draw.spread[1]) / CANDIDATES, outlines.rows)
+        half = CANDIDATES // 2
+        each, number = jnp.where(lobe.there, half, CANDIDATES), jnp.where(lobe.there, k % half, k)
+        v = (number.astype(eye.dtype) + draw.spread[1]) / each
+        row, t, density = point_seen(lookouts, start, v, outlines.rows)
+        aim = aim_at(outlines, row, eye, lobe.direction, lobe.angle)
+        t = jnp.where(lobe.there & (k >= half), aim.draw(t), t)
+        return row, t, density * jnp.where(lobe.there, (1 + aim.density(t)) / 2, 1)
+
     def choose(k: Array, best: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
         """Keep what is there or take point k, by their worth."""
         chosen_row, chosen_t, total, coin = best
-        v = (k.astype(eye.dtype) + draw.spread[1]) / CANDIDATES
-        row, t, density = once(partial(point_seen, rows=outlines.rows))(operands.lookouts, start, v)
+        row, t, density = once(drawn)(operands.outlines, operands.lookouts, lobe, k)
         own = once(worth)(tables, station, rim_of(outlines, row, t, eye), row, density)
         taken, coin, total = one_of_both(coin, own, total)
         return jnp.where(taken, row, chosen_row), jnp.where(taken, t, chosen_t), total, coin
 
+    lobe = None if station.arrival.glossy is None else station.lobe(tables)
     nothing, coin = jnp.zeros_like(eye[0]), independent(draw.stream, 0)[0].astype(eye.dtype)
     row, t, total, _ = lax.fori_loop(0, CANDIDATES, choose, (jnp.int32(0), nothing, nothing, coin))
     rim = rim_of(outlines, row, t, eye)

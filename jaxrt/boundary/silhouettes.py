@@ -54,6 +54,7 @@ class Afar:
 
 
 Eye = Array | Afar  # (3,)
+NARROWEST = 1e-3  # share of an outline within which most of it is wanted, at least
 
 
 @pytree
@@ -187,6 +188,52 @@ def rim_at(table: Silhouettes, row: Array, t: Array, eye: Eye, creases: bool) ->
     a = _sphere_rim(table.spheres, jnp.minimum(row, n - 1), t, eye)
     b = _edge_rim(table.edges, jnp.maximum(row - n, 0), t, eye, creases)
     return Rim(*(jnp.where(row < n, x, y) for x, y in zip(_fields(a), _fields(b), strict=True)))
+
+
+@pytree
+class Aim:
+    """Where on an outline most is wanted, and within which share of it: a distribution after Cauchy."""
+
+    t: Array  # ()
+    width: Array  # ()
+    round: Array  # () bool: the outline is a circle
+
+    def draw(self, u: Array) -> Array:
+        """Return a place from a number in [0, 1)."""
+        turn = jnp.arctan(jnp.tanh(jnp.pi * self.width) * jnp.tan(jnp.pi * (u - 0.5))) / jnp.pi
+        around = self.t + turn
+        low, high = self._share_before(jnp.zeros_like(u)), self._share_before(jnp.ones_like(u))
+        along = self.t + self.width * jnp.tan(jnp.pi * (low + u * (high - low) - 0.5))
+        return jnp.where(self.round, around - jnp.floor(around), jnp.clip(along, 0, 1))
+
+    def density(self, t: Array) -> Array:
+        """Return that of a place."""
+        spread = 2 * jnp.pi * self.width
+        around = safe_divide(jnp.sinh(spread), jnp.cosh(spread) - jnp.cos(2 * jnp.pi * (t - self.t)))
+        off = (t - self.t) / self.width
+        whole = self._share_before(jnp.ones_like(t)) - self._share_before(jnp.zeros_like(t))
+        return jnp.where(self.round, around, 1 / (jnp.pi * self.width * (1 + off * off) * whole))
+
+    def _share_before(self, t: Array) -> Array:
+        return jnp.arctan((t - self.t) / self.width) / jnp.pi + 0.5
+
+
+def aim_at(table: Silhouettes, row: Array, eye: Array, direction: Array, angle: Array) -> Aim:
+    """Return where a row's outline comes nearest to a direction from an eye, as wide as an angle looks there."""
+    places, n = [], table.spheres_count
+    if table.spheres is not None:
+        side, up = frame(normalize(table.spheres.center[jnp.minimum(row, n - 1)] - eye))
+        turn = jnp.arctan2(dot(direction, up), dot(direction, side)) / (2 * jnp.pi)
+        places.append(turn - jnp.floor(turn))
+    if table.edges is not None:
+        corners = table.edges.corners[jnp.maximum(row - n, 0)]
+        start, along = (v - dot(v, direction) * direction for v in (corners[0] - eye, corners[1] - corners[0]))
+        places.append(jnp.clip(safe_divide(-dot(start, along), dot(along, along)), 0, 1))
+    t = places[0] if len(places) == 1 else jnp.where(row < n, *places)
+    rim = rim_at(table, row, t, eye, True)
+    away = normalize(rim.point - eye) - direction
+    width = safe_divide(safe_sqrt(angle * angle + dot(away, away)) * rim.distance, rim.jacobian)
+    return Aim(t, jnp.clip(width, NARROWEST, 1), row < n)
 
 
 def _sphere_rim(table: SphereTable, row: Array, t: Array, eye: Eye) -> Rim:
