@@ -9,11 +9,12 @@ import numpy as np
 from jax import lax
 
 import jaxrt
-from jaxrt.boundary.shadows import Carrier, _power_kept, around_lights, setting_out, vertex
+from jaxrt.boundary.shadows import Carrier, _power_kept, setting_out, vertex
 from jaxrt.core.records import Ray, SurfacePoint
 from jaxrt.core.samplers import Stream
 from jaxrt.materials import Materials, scatter
 from jaxrt.materials.rough_glass import RoughGlass
+from jaxrt.transport.medium import around_lights
 from jaxrt.transport.path import tables_of
 
 TINT, RADIUS = np.array([0.2, 0.7, 1.5]), 0.6
@@ -47,7 +48,11 @@ def arriving(tables):
     """Return what the floor shows of the lamp's light that falls straight through the balls' middle."""
     down = Ray(tables.lights.lights.position[0] - jnp.asarray([0.0, 0.12, 0.0]), jnp.asarray([0.0, -1.0, 0.0]))
     zero, draw = jnp.zeros(3), SimpleNamespace(stream=Stream(*(jnp.uint32(i) for i in range(4))))
-    carrier = setting_out(Carrier(down, down, jnp.zeros(()), jnp.ones(3), zero), around_lights(tables), jnp.int32(0))
+    carrier = setting_out(
+        Carrier(down, down, jnp.zeros(()), jnp.ones(3), zero),
+        around_lights(tables.geometry, tables.materials, tables.lights.lights),
+        jnp.int32(0),
+    )
     return lax.scan(partial(vertex, tables, draw, True), carrier, jnp.arange(5, dtype=jnp.int32))[1].weight
 
 

@@ -30,7 +30,8 @@ from jaxrt.kernels.native import in_stages, map_packets, once
 from jaxrt.materials import absorption_of, evaluate, numbers_toward, scatter, tell_numbers
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, leave, surface_point
-from jaxrt.transport.path import Medium, Tables, Walk, event_at, last_look, tables_of, walk_along
+from jaxrt.transport.medium import Medium
+from jaxrt.transport.path import Tables, Walk, event_at, last_look, tables_of, walk_along
 
 TILES = 8  # the picture is divided into so many parts each way, among which a pilot shares the samples
 CANDIDATES = 32  # points of outlines, of which one is taken by how large it looks

@@ -20,7 +20,6 @@ from jaxrt.boundary.shadows import (
     BEYOND,
     Carrier,
     Plan,
-    around_lights,
     bins_for,
     carrier_past,
     light_point,
@@ -41,6 +40,7 @@ from jaxrt.materials import scatter
 from jaxrt.scene import Scene
 from jaxrt.shapes import Geometry, surface_point
 from jaxrt.shapes.sphere import sphere_chart
+from jaxrt.transport.medium import around_lights
 from jaxrt.transport.path import Tables, tables_of
 
 CELLS = 4  # parts of a light's rim, and of a mirror each way, among which a pilot shares the samples
@@ -84,7 +84,7 @@ def caustic_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, .
     edges = edge_table(scene.triangles) if scene.triangles is not None and plan.geometry_moves else None
     outlines = Silhouettes(tables.geometry.spheres, edges)
     weights, blocked = _weights(tables, outlines, plan)
-    operands = CausticTables(tables, outlines, around_lights(tables))
+    operands = CausticTables(tables, outlines, around_lights(tables.geometry, tables.materials, lights))
     sample = partial(_sample, plan, blocked)
     return (sample_guided(sample, operands, weights, plan.n, seed ^ jnp.uint32(4), plan.devices),)
 

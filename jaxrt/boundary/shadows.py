@@ -36,15 +36,15 @@ from jaxrt.lights import Lights, LightTable, casters_of, intensity_toward
 from jaxrt.materials import Scattering, absorption_of, evaluate, scatter
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, leave, occluded, surface_point
+from jaxrt.transport.medium import Medium, around_lights
 from jaxrt.transport.outputs import Output
-from jaxrt.transport.path import Medium, Tables, tables_of
+from jaxrt.transport.path import Tables, tables_of
 
 NUDGE = 1e-4  # of the distance to the outline: rays pass it at this distance, since grazing ones may go either way
 BEYOND = 1e-3  # a receiver is farther than the outline by this share of its distance
 LOBE = 0.9  # share of light points drawn by the cosine to the outline; the others are uniform
 FEW_ROWS = 512  # outlines up to this number are cut into BINS bins each
 BINS = 8
-WALLS = 8  # surfaces behind which a light may be of what it is in
 GRAZING = 1e-4  # smallest cosine between camera ray and receiver
 
 
@@ -108,7 +108,7 @@ def shadow_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ..
         return ()
     bins = bins_for(outlines.rows)
     faces = scene.triangles.faces if scene.triangles is not None and plan.geometry_moves else None
-    operands = ShadowTables(tables, outlines, faces, around_lights(tables))
+    operands = ShadowTables(tables, outlines, faces, around_lights(tables.geometry, tables.materials, scene.lights))
     weights = shadow_weights(tables, outlines, bins)
     return sample_guided(partial(_sample, plan, bins), operands, weights, plan.n, seed, plan.devices)
 
@@ -229,31 +229,6 @@ def carrier_past(source: LightPoint, rim: Rim, density: Array) -> Carrier:
     probe = normalize(rim.point + NUDGE * rim.distance * rim.normal - source.start)
     rays = Ray(source.start, probe), Ray(source.start, line)
     return Carrier(*rays, rim.distance * (1 + BEYOND), flux, -NUDGE * rim.normal)
-
-
-def around_lights(tables: Tables) -> Array | None:
-    """Return the absorption (lights, 3) of what each light that has a place is in; None where nothing absorbs."""
-    if not tables.materials.absorb:
-        return None
-    assert tables.lights is not None
-
-    def around(place: Array) -> Array:
-        """Return that of the first clear surface on some way out, if it is met from inside."""
-
-        def further(_: int, state: tuple[Ray, Array, Array]) -> tuple[Ray, Array, Array]:
-            ray, found, absorption = state
-            hit = once(find)(tables.geometry, ray)
-            point = once(surface_point)(tables.geometry, ray, hit)
-            inside, clear = absorption_of(tables.materials, point)
-            first = hit.valid & clear & ~found
-            leaves = dot(point.shading, ray.direction) > 0
-            return once(leave)(point, ray.direction), found | first, jnp.where(first & leaves, inside, absorption)
-
-        up = normalize(jnp.asarray([0.3, 0.8, 0.5], place.dtype))
-        nothing = jnp.zeros((), bool), jnp.zeros_like(place)
-        return lax.fori_loop(0, WALLS, further, (Ray(place, up), *nothing))[2]
-
-    return lax.map(around, casters_of(tables.lights.lights)[0])
 
 
 def setting_out(carrier: Carrier, around: Array | None, light: Array) -> Carrier:

@@ -229,7 +229,7 @@ def aim_at(table: Silhouettes, row: Array, eye: Array, direction: Array, angle: 
         corners = table.edges.corners[jnp.maximum(row - n, 0)]
         start, along = (v - dot(v, direction) * direction for v in (corners[0] - eye, corners[1] - corners[0]))
         places.append(jnp.clip(safe_divide(-dot(start, along), dot(along, along)), 0, 1))
-    t = places[0] if len(places) == 1 else jnp.where(row < n, *places)
+    t = places[0] if len(places) == 1 else jnp.where(row < n, places[0], places[1])
     rim = rim_at(table, row, t, eye, True)
     away = normalize(rim.point - eye) - direction
     width = safe_divide(safe_sqrt(angle * angle + dot(away, away)) * rim.distance, rim.jacobian)

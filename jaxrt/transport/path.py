@@ -43,6 +43,7 @@ from jaxrt.shapes import (
     with_more,
     without_more,
 )
+from jaxrt.transport.medium import Medium
 
 _KEPT = "kept"  # name of what derivatives backwards keep of an event
 Numbers = Callable[[int | Array], tuple[Array, Array, Array, Array]]  # decision block -> four numbers in [0, 1)
@@ -78,37 +79,6 @@ class Walk:
     pdf: Array | None = None  # () of its direction where light samples have a share, else 0; None without glossy
     alive: Array | None = None  # () bool, whether it has not ended; None where that spares no search
     absorption: Array | None = None  # (3,) per unit of length, of what its ray goes through; None where nothing absorbs
-
-
-@pytree
-class Medium:
-    """What light goes through on both sides of a surface that a path comes to."""
-
-    absorption: Array  # (3,) per unit of length, of what the ray went through so far as is known
-    point: SurfacePoint
-    wo: Array  # (3,)
-    inside: Array  # (3,) the surface's own
-    clear: Array  # () bool, light passes through the surface
-
-    def passed(self) -> Array:
-        """Return the share of light (3,) left where the ray arrives, but for what `scatter` leaves of it."""
-        assert self.point.travelled is not None
-        return jnp.exp(-self.absorption * jnp.where(self._is_from_inside, 0, self.point.travelled))
-
-    def beyond(self, direction: Array) -> Array:
-        """Return the absorption (3,) of what a ray goes through that leaves the surface: none outside of glass."""
-        side = dot(self.point.shading, direction)
-        crosses = self.clear & (side * dot(self.point.shading, self.wo) < 0)
-        return jnp.where(crosses, jnp.where(side < 0, self.inside, 0), self.here)
-
-    @property
-    def here(self) -> Array:
-        """The absorption (3,) of what the ray went through."""
-        return jnp.where(self._is_from_inside, self.inside, self.absorption)
-
-    @property
-    def _is_from_inside(self) -> Array:
-        return self.clear & (dot(self.point.shading, self.wo) < 0)
 
 
 def tables_of(scene: Scene, lights_move: bool = False) -> Tables:

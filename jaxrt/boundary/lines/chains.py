@@ -23,7 +23,8 @@ from jaxrt.kernels.native import in_stages, once
 from jaxrt.lights import casters_of, intensity_toward, pick
 from jaxrt.materials import Scattering, absorption_of, evaluate, scatter
 from jaxrt.shapes import distance_to, find, leave, surface_point
-from jaxrt.transport.path import Medium, Tables
+from jaxrt.transport.medium import Medium
+from jaxrt.transport.path import Tables
 
 ENDED, MISSED = -2, -1  # in place of a primitive
 AWAY = 1e18  # where rays start that are not wanted: they meet nothing, in no time
