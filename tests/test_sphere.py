@@ -155,3 +155,17 @@ def test_error_grows_with_the_coordinates():
         return float(sphere.sphere_error(row, table.center[i] + jnp.asarray([1.0, 0, 0])))
 
     assert 8 * U <= error(0) <= 64 * U and 8000 * U <= error(1) <= 32_000 * U
+
+
+@pytest.mark.parametrize("mode", [jax.jacfwd, jax.jacrev])
+def test_a_ray_that_begins_beside_a_sphere_has_a_bounded_derivative(mode):
+    """Of a ray that misses the place is of no matter, but what is masked later must be a number."""
+    slopes = np.asarray([s * 10.0**-k for k in (0, 4, 8, 12, 16, 20, 25) for s in (1, -1)] + [0.0], np.float32)
+
+    def place(center, slope):
+        table = sphere.sphere_table(make(center[None], [1.0]))
+        ray = Ray(jnp.asarray([1.5, 0, 0]), jnp.stack([slope, jnp.sqrt(1 - slope * slope), jnp.zeros_like(slope)]))
+        return sphere.sphere_surface_point(table, ray, jnp.int32(0)).position
+
+    found = jax.vmap(mode(place), (None, 0))(jnp.zeros(3), jnp.asarray(slopes))
+    assert np.abs(found).max() <= 2

@@ -205,10 +205,14 @@ def round_sphere(normal: Array) -> Array:
 
 
 def _distance_to_surface(row: Row, ray: Ray) -> Array:
-    """Return the distance that `root_distance` finds, differentiable, and finite where there is none."""
+    """Return the distance that `root_distance` finds, differentiable; of a ray that misses, to where it is nearest.
+
+    The quotient would be without bound where such a ray begins beside the sphere, and its derivative no number.
+    """
     b, power, discriminant = roots_of(row, ray)
-    root = safe_sqrt(discriminant)
-    return jnp.where((power < 0) & (b < 0), root - b, jnp.abs(safe_divide(power, jnp.abs(b) + root)))
+    meets, root = discriminant > 0, safe_sqrt(discriminant)
+    smaller = jnp.where(meets, jnp.abs(power / jnp.where(meets, jnp.abs(b) + root, 1)), jnp.abs(b))
+    return jnp.where((power < 0) & (b < 0), root - b, smaller)
 
 
 def onto_sphere(row: Row, p: Array) -> Array:
