@@ -43,6 +43,7 @@ from jaxrt.shapes.sphere import sphere_chart
 from jaxrt.transport.path import Tables, tables_of
 
 CELLS = 4  # parts of a light's rim, and of a mirror each way, among which a pilot shares the samples
+LIGHTS_ONLY = 4  # where lights alone move they get this part of the samples: less noisy than what else these change
 SEEN = 0.9  # share of places on a ball that are drawn by how it looks from a light
 FEW = 32  # surfaces up to which it does
 ASKANCE = 0.1  # of the size of a triangle, which it has at least as it looks from a light
@@ -84,7 +85,8 @@ def caustic_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, .
     weights, blocked = _weights(tables, outlines, plan)
     operands = CausticTables(tables, outlines)
     sample = partial(_sample, plan, blocked)
-    return (sample_guided(sample, operands, weights, plan.n, seed ^ jnp.uint32(4), plan.devices),)
+    n = plan.n if plan.geometry_moves else -(-plan.n // LIGHTS_ONLY)
+    return (sample_guided(sample, operands, weights, n, seed ^ jnp.uint32(4), plan.devices),)
 
 
 def _weights(tables: Tables, outlines: Silhouettes, plan: Plan) -> tuple[Array, bool]:

@@ -44,6 +44,7 @@ BEYOND = 1e-3  # a receiver is farther than the outline by this share of its dis
 LOBE = 0.9  # share of light points drawn by the cosine to the outline; the others are uniform
 FEW_ROWS = 512  # outlines up to this number are cut into BINS bins each
 BINS = 8
+LIGHTS_ONLY = 2  # the soft shadows of lights that alone move get this part of the samples: less noisy than all else
 GRAZING = 1e-4  # smallest cosine between camera ray and receiver
 
 
@@ -108,7 +109,9 @@ def shadow_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ..
     faces = scene.triangles.faces if scene.triangles is not None and plan.geometry_moves else None
     operands = ShadowTables(tables, outlines, faces)
     weights = shadow_weights(tables, outlines, bins)
-    return sample_guided(partial(_sample, plan, bins), operands, weights, plan.n, seed, plan.devices)
+    soft = tables.lights.lights.have_size and not plan.geometry_moves
+    n = -(-plan.n // LIGHTS_ONLY) if soft else plan.n
+    return sample_guided(partial(_sample, plan, bins), operands, weights, n, seed, plan.devices)
 
 
 def bins_for(rows: int) -> int:

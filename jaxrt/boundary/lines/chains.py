@@ -19,10 +19,11 @@ from jaxrt.core.sampling import (
     sample_cosine_hemisphere,
     sample_uniform_sphere,
 )
+from jaxrt.kernels.few import where_any
 from jaxrt.kernels.native import in_stages, once
 from jaxrt.lights import casters_of, intensity_toward, pick
 from jaxrt.materials import Scattering, evaluate, scatter
-from jaxrt.shapes import distance_to, find, leave, surface_point
+from jaxrt.shapes import Geometry, distance_to, find, leave, surface_point
 from jaxrt.transport.path import Tables
 
 ENDED, MISSED = -2, -1  # in place of a primitive
@@ -59,17 +60,28 @@ def chain_from(tables: Tables, ray: Ray, numbers: Numbers, length: int) -> Chain
 
     def event(carry: tuple[Ray, Array, Array], k: Array) -> tuple[tuple[Ray, Array, Array], tuple[Turn, Array, Array]]:
         ray, going, weight = carry
-        start = jnp.where(going, ray.origin, AWAY) if length > 1 else ray.origin
-        hit = once(find)(tables.geometry, Ray(start, ray.direction))
-        point = once(surface_point)(tables.geometry, ray, hit)
         _, _, *u = numbers(k + 1)
-        scattering = in_stages(scatter)(tables.materials, point, -ray.direction, (u[0], u[1]))
+
+        def meet(
+            tables: Tables, ray: Ray, going: Array, weight: Array, u: tuple[Array, Array]
+        ) -> tuple[Ray, Array, Array, Hit, Array]:
+            start = jnp.where(going, ray.origin, AWAY) if length > 1 else ray.origin
+            hit = once(find)(tables.geometry, Ray(start, ray.direction))
+            point = once(surface_point)(tables.geometry, ray, hit)
+            scattering = in_stages(scatter)(tables.materials, point, -ray.direction, u)
+            on = going & hit.valid & scattering.specular
+            side = dot(point.shading, ray.direction) * dot(point.shading, scattering.direction)
+            onward = once(leave)(point, scattering.direction)
+            return onward, on, jnp.where(on, weight * scattering.weight, weight), hit, on & (side > 0)
+
+        def skip(
+            tables: Tables, ray: Ray, going: Array, weight: Array, u: tuple[Array, Array]
+        ) -> tuple[Ray, Array, Array, Hit, Array]:
+            return ray, going, weight, Hit(jnp.int32(0), going), going
+
+        onward, on, weight, hit, through = where_any(going, meet, skip, tables, ray, going, weight, (u[0], u[1]))
         met = jnp.where(going, jnp.where(hit.valid, hit.index, MISSED), ENDED)
-        on = going & hit.valid & scattering.specular
-        side = dot(point.shading, ray.direction) * dot(point.shading, scattering.direction)
-        onward = once(leave)(point, scattering.direction)
-        weight = jnp.where(on, weight * scattering.weight, weight)
-        return (onward, on, weight), (Turn(ray, hit.index, (u[0], u[1])), met, on & (side > 0))
+        return (onward, on, weight), (Turn(ray, hit.index, (u[0], u[1])), met, through)
 
     start = ray, jnp.ones((), bool), jnp.ones_like(ray.origin)
     (_, _, weight), (turns, met, through) = lax.scan(event, start, jnp.arange(length, dtype=jnp.int32))
@@ -137,11 +149,16 @@ def blocker(tables: Tables, chain: Chain, lamp: Lamp, max_depth: int) -> tuple[R
     ray = leave(point, normalize(away))
     behind = (chain.last > 0) & (chain.last < max_depth)
     wanted = lit & behind & (_sent(tables, point, arriving, lamp, ray.direction, length) > 0).any()
-    hit = once(find)(tables.geometry, Ray(jnp.where(wanted, ray.origin, AWAY), ray.direction))
+    start = jnp.where(wanted, ray.origin, AWAY)
+    hit = where_any(wanted, once(find), _miss, tables.geometry, Ray(start, ray.direction))
     nearer = distance_to(tables.geometry, ray, hit.index) < length * (1 - BEYOND)
     own = tables.lights is not None and tables.lights.lights.have_size
     other = hit.index != tables.first_light + lamp.light if own else True
     return ray, length, jnp.where(wanted & hit.valid & nearer & other, hit.index, MISSED)
+
+
+def _miss(geometry: Geometry, ray: Ray) -> Hit:
+    return Hit(jnp.zeros((), jnp.int32), jnp.zeros((), bool))
 
 
 def sent_by(tables: Tables, chain: Chain, lamp: Lamp) -> Array:
