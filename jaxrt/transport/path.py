@@ -353,15 +353,10 @@ def _see(tables: Tables, walk: Walk, hit: Hit) -> Walk:
 
 def meets_light(tables: Tables, hit: Hit) -> Array:
     """Return whether a ray hits a sphere light, () bool."""
-    return hit.valid & is_light(tables, hit.index)
-
-
-def is_light(tables: Tables, index: Array) -> Array:
-    """Return whether primitives are sphere lights, bool of the shape of `index`."""
     if tables.lights is None or not tables.lights.lights.have_size:
-        return jnp.zeros(index.shape, bool)
-    light = index - tables.first_light
-    return (light >= 0) & (light < tables.lights.lights.position.shape[0])
+        return jnp.zeros((), bool)
+    light = hit.index - tables.first_light
+    return hit.valid & (light >= 0) & (light < tables.lights.lights.position.shape[0])
 
 
 def _looks_at_last(tables: Tables) -> bool:

@@ -34,8 +34,10 @@ from jaxrt.boundary.lines.chains import (
     blocker,
     chain_from,
     end_of,
+    is_light,
     lamp_for,
     lamp_middle,
+    part_by_light,
     sent_by,
 )
 from jaxrt.boundary.lines.lamps import shows_lamp
@@ -51,7 +53,7 @@ from jaxrt.lights import casters_of
 from jaxrt.materials import Materials
 from jaxrt.scene import Scene
 from jaxrt.transport.outputs import first_met
-from jaxrt.transport.path import Tables, is_light, radiance, tables_of
+from jaxrt.transport.path import Tables, radiance, tables_of
 
 STEPS = 4  # parts of a line where chains are looked at; one where the camera's rays alone are
 HALVINGS = 14  # of a part, until both ends see what lies on either side of one edge
@@ -59,7 +61,7 @@ ASIDE = 1e-3  # pixels: as near to its border no triangle is taken to cross anot
 FAINT = 0.02  # weight of a difference that another sampler has, in all likelihood
 ELSEWHERE = 0.1  # share of the samples outside of where a look at the picture finds edges
 SHARE = 4  # one of so many boundary samples is a line: each costs as much as several others
-LIGHTS_ONLY = 32  # the same where lights alone move: they show, and cast shadows, in a small part of the picture
+LIGHTS_ONLY = 16  # the same where lights alone move: they show, and cast shadows, in a small part of the picture
 
 
 @pytree
@@ -124,12 +126,10 @@ def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]
     operands = LineTables(tables, faces)
     seed = seed ^ jnp.uint32(8)
     weights = _weights(plan, tables, seed)
-    share = SHARE if plan.geometry_moves else LIGHTS_ONLY
+    n = -(-plan.n // (SHARE if plan.geometry_moves else LIGHTS_ONLY))
 
     def sampled(weights: Array) -> EdgeSamples:
-        found: EdgeSamples = sample_guided(
-            partial(_sample, plan), operands, weights, -(-plan.n // share), seed, plan.devices
-        )
+        found: EdgeSamples = sample_guided(partial(_sample, plan), operands, weights, n, seed, plan.devices)
         return found
 
     # Traced once, for its shapes and for itself
@@ -237,17 +237,8 @@ def _interest(plan: Plan, tables: Tables, line: Line, looks: tuple[Look, Look]) 
     meet = (near[0] < near[1]) & (near[1] < FAR) & (beyond[1] < beyond[0]) & (beyond[0] < FAR)
     others = (pair[0] != pair[1]) & ~(meet & may_cross(tables.geometry, pair))
     if not plan.geometry_moves:
-        others = others | ~_part_by_light(tables, a, b)
+        others = others | ~part_by_light(tables, a.chain, b.chain)
     return jnp.where(_differs(a, b), jnp.where(others, FAINT, 1), 0).astype(line.start.dtype)
-
-
-def _part_by_light(tables: Tables, a: Look, b: Look) -> Array:
-    """Return whether two looks part where one meets a sphere light, or in whether one is lit: what lights move."""
-    same, lights = jnp.ones((), bool), jnp.zeros((), bool)
-    for one, other in zip(a.chain.met, b.chain.met, strict=True):
-        lights = jnp.where(same, is_light(tables, one) | is_light(tables, other), lights)
-        same = same & (one == other)
-    return same | lights
 
 
 # Samples of them

@@ -89,6 +89,21 @@ def chain_from(tables: Tables, ray: Ray, numbers: Numbers, length: int) -> Chain
     return Chain(turns, met, through, last, weight)
 
 
+def is_light(tables: Tables, met: Array) -> Array:
+    """Return which of the primitives that chains have met are sphere lights, bool of their shape."""
+    n = 0 if tables.geometry.spheres is None else tables.geometry.spheres.radius.shape[0]
+    return (met >= tables.first_light) & (met < n)
+
+
+def part_by_light(tables: Tables, a: Chain, b: Chain) -> Array:
+    """Return whether the first that two chains meet apart from each other is a sphere light, or they are alike."""
+    same, lights = jnp.ones((), bool), jnp.zeros((), bool)
+    for one, other in zip(a.met, b.met, strict=True):
+        lights = jnp.where(same, is_light(tables, one) | is_light(tables, other), lights)
+        same = same & (one == other)
+    return same | lights
+
+
 def end_of(tables: Tables, chain: Chain) -> tuple[SurfacePoint, Ray, Array]:
     """Return the surface that ends a chain, the ray that arrives there, and whether there is one that is lit."""
     ray = Ray(chain.turns.ray.origin[chain.last], chain.turns.ray.direction[chain.last])
