@@ -36,7 +36,10 @@ def where_needed(f: Callable[..., Any], needed: Array, *operands: Any) -> Any:
 
 
 def where_any(needed: Array, f: Callable[..., Any], otherwise: Callable[..., Any], *operands: Any) -> Any:
-    """Return f(*operands), or otherwise(*operands) if no lane of the packet is `needed`, () bool."""
+    """Return f(*operands), or otherwise(*operands) if no lane of a native kernel's packet is `needed`, () bool.
+
+    What f gives lanes that do not need it must not matter. The operands must be all that both read.
+    """
     if not in_native():
         return f(*operands)
     one = custom_vmap(lambda needed, *operands: f(*operands))
