@@ -1,6 +1,6 @@
 """What derivatives cost, in renders: gradients of an L2 loss, Jacobians, compile time and memory.
 
-    python -m benchmarks.gradients [--scene scenes/room.toml] [--rounds 5]
+    python -m benchmarks.gradients [--scene scenes/room.toml] [--rounds 5] [--names lights.position]
 
 CPU time of one core; ratios are taken within a round, and their median and range are printed.
 """
@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -27,16 +27,17 @@ from benchmarks.processes import cpu_model, wide_console
 
 SPP, DEPTH = 16, 4
 NAMES = ("lights.position", "materials.albedo")
-DIRECTIONS = 12  # of the Jacobian
+DIRECTIONS = 12  # of the Jacobian, at most
 
 
 class Subject:
     """A scene, and what is differentiated of it."""
 
-    def __init__(self, path: str, size: int, unroll: bool = False) -> None:
+    def __init__(self, path: str, size: int, names: Sequence[str] = NAMES, unroll: bool = False) -> None:
         self.scene = load(path, size, size)
         parameters = jaxrt.parameters(self.scene)
-        self.start = {name: parameters[name] for name in NAMES}
+        self.start = {name: parameters[name] for name in names}
+        self.directions = min(DIRECTIONS, sum(value.size for value in self.start.values()))
         self.edges = 4 * size * size
         self.unroll = unroll
         self.target = 0.9 * jax.jit(self.picture)(self.start)
@@ -55,9 +56,10 @@ class Subject:
         return jax.value_and_grad(lambda p: self.loss(p, boundary_samples))
 
     def jacobian(self, p: dict[str, Array]) -> Array:
-        """Return the picture's derivatives (H, W, 3, 12) along 12 albedo and light coordinates."""
+        """Return the picture's derivatives (H, W, 3, n) along the first coordinates."""
         flat, unravel = ravel_pytree(p)
-        return jax.jacfwd(lambda x: self.picture(unravel(flat.at[:DIRECTIONS].set(x))))(flat[:DIRECTIONS])
+        n = self.directions
+        return jax.jacfwd(lambda x: self.picture(unravel(flat.at[:n].set(x))))(flat[:n])
 
 
 def compiled(f: Callable[..., Any], *arguments: Any) -> tuple[Callable[..., Any], float, float]:
@@ -78,7 +80,7 @@ def costs(subject: Subject, rounds: int, edges: bool) -> list[list[str]]:
     }
     if edges:
         subjects["loss and gradient, with edges"] = (subject.gradient(subject.edges), "loss")
-        subjects[f"Jacobian, {DIRECTIONS} directions"] = (subject.jacobian, "loss")
+        subjects[f"Jacobian, {subject.directions} directions"] = (subject.jacobian, "loss")
     programs = {name: compiled(f, p) for name, (f, _) in subjects.items()}
     for program, _, _ in programs.values():
         cpu_seconds(program, p)
@@ -91,18 +93,18 @@ def costs(subject: Subject, rounds: int, edges: bool) -> list[list[str]]:
     return rows
 
 
-def first_gradient(scene: str, edges: bool, cache: str) -> float:
+def first_gradient(scene: str, names: Sequence[str], edges: bool, cache: str) -> float:
     """Return wall seconds of a process that starts, compiles and computes one gradient, cache folder given."""
     code = (
         "import sys, jax; jax.config.update('jax_compilation_cache_dir', sys.argv[2]);"
         "jax.config.update('jax_persistent_cache_min_compile_time_secs', 0);"
         "from benchmarks.gradients import Subject; import time;"
-        "s = Subject(sys.argv[1], 128); begin = time.perf_counter();"
+        "s = Subject(sys.argv[1], 128, sys.argv[4:]); begin = time.perf_counter();"
         "f = jax.jit(s.gradient(s.edges * int(sys.argv[3]))).lower(s.start).compile();"
         "print(time.perf_counter() - begin)"
     )
     output = subprocess.run(
-        [sys.executable, "-c", code, scene, cache, str(int(edges))], capture_output=True, text=True, check=True
+        [sys.executable, "-c", code, scene, cache, str(int(edges)), *names], capture_output=True, text=True, check=True
     ).stdout
     return float(output.strip().splitlines()[-1])
 
@@ -122,21 +124,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="What derivatives cost.")
     parser.add_argument("--scene", default="scenes/room.toml")
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--names", nargs="+", default=NAMES, help="parameters that derivatives are taken in")
     options = parser.parse_args()
     use_cores(1)
     console = wide_console()
     console.print(f"{cpu_model()}; jax {jax.__version__}; {options.scene}, 128×128, {SPP} spp, depth {DEPTH}, one core")
     table = Table("program", "CPU time in losses (range)", "trace s", "compile s")
-    subject = Subject(options.scene, 128)
+    console.print("in", ", ".join(options.names))
+    subject = Subject(options.scene, 128, options.names)
     for row in costs(subject, options.rounds, edges=True):
         table.add_row(*row)
-    for name, *rest in costs(Subject(options.scene, 128, unroll=True), options.rounds, edges=False):
+    for name, *rest in costs(Subject(options.scene, 128, options.names, unroll=True), options.rounds, edges=False):
         table.add_row(f"{name}, bounces unrolled", *rest)
     console.print(table)
     console.print("gradient's temporary memory at 16 and 1024 spp:", *memory(subject))
     for edges in (False, True):
         with tempfile.TemporaryDirectory() as cache:
-            cold, warm = (first_gradient(options.scene, edges, cache) for _ in range(2))
+            cold, warm = (first_gradient(options.scene, options.names, edges, cache) for _ in range(2))
         name = "with edges" if edges else "interior"
         console.print(f"trace and compile of the gradient, {name}: cold {cold:.1f} s, from JAX's cache {warm:.1f} s")
 

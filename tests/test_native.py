@@ -10,7 +10,7 @@ import pytest
 from jax import Array, lax
 
 import jaxrt
-from jaxrt.kernels.few import where_needed
+from jaxrt.kernels.few import where_any, where_needed
 from jaxrt.kernels.native import LARGE, fold_packets, in_stages, map_packets, once
 
 pytestmark = pytest.mark.quick
@@ -65,6 +65,27 @@ def test_what_few_lanes_need_is_computed_for_those(needed: list[int]) -> None:
     np.testing.assert_array_equal(pairs, np.where(wanted, above * lane, 0)[..., None] * [1, -1])
     # By as many turns of a loop as lanes need it
     assert "dynamic_update_slice" in str(program.trace(operands, jnp.arange(3, dtype=jnp.int32)).jaxpr)
+
+
+def test_packets_of_which_no_lane_needs_it_compute_something_else() -> None:
+    needed = np.zeros((3, 64), bool)
+    needed[1, 7] = True
+
+    def packet(operands: tuple[Array, Array], packet: Array) -> Array:
+        factor, needed = operands
+        lane = jnp.arange(64, dtype=jnp.float32)
+        return jax.vmap(lambda wanted, x: where_any(wanted, times, less, factor, x))(needed[packet], lane)
+
+    def times(factor: Array, x: Array) -> Array:
+        return factor[0] * x
+
+    def less(_: Array, x: Array) -> Array:
+        return -x
+
+    operands = jnp.array([2.0]), jnp.asarray(needed)
+    found = jax.jit(lambda o, n: map_packets(packet, o, n))(operands, jnp.arange(3, dtype=jnp.int32))
+    # The second packet's lanes all do what one of them needs
+    np.testing.assert_array_equal(found, np.arange(64) * np.array([-1, 2, -1])[:, None])
 
 
 def test_empty_operands_beside_large_ones_are_harmless() -> None:

@@ -20,14 +20,13 @@ from jaxrt.boundary.shadows import (
     BEYOND,
     Carrier,
     Plan,
-    bins_for,
     carrier_past,
     light_point,
     setting_out,
     shadow_weights,
     vertex,
 )
-from jaxrt.boundary.silhouettes import Rim, Silhouettes, edge_table, rim_at
+from jaxrt.boundary.silhouettes import Rim, Silhouettes, bins_for, edge_table, rim_at
 from jaxrt.boundary.trail import one_of, path_from, spheres_count, through_lens
 from jaxrt.cameras import edges_known
 from jaxrt.core.maths import cross, dot, normalize, safe_divide, safe_sqrt, unit_roundoff
@@ -44,6 +43,7 @@ from jaxrt.transport.medium import around_lights
 from jaxrt.transport.path import Tables, tables_of
 
 CELLS = 4  # parts of a light's rim, and of a mirror each way, among which a pilot shares the samples
+LIGHTS_ONLY = 2  # where lights alone move they get this part of the samples: about as noisy then as all else
 SEEN = 0.9  # share of places on a ball that are drawn by how it looks from a light
 FEW = 32  # surfaces up to which it does
 ASKANCE = 0.1  # of the size of a triangle, which it has at least as it looks from a light
@@ -86,7 +86,8 @@ def caustic_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, .
     weights, blocked = _weights(tables, outlines, plan)
     operands = CausticTables(tables, outlines, around_lights(tables.geometry, tables.materials, lights))
     sample = partial(_sample, plan, blocked)
-    return (sample_guided(sample, operands, weights, plan.n, seed ^ jnp.uint32(4), plan.devices),)
+    n = plan.n if plan.geometry_moves else -(-plan.n // LIGHTS_ONLY)
+    return (sample_guided(sample, operands, weights, n, seed ^ jnp.uint32(4), plan.devices),)
 
 
 def _weights(tables: Tables, outlines: Silhouettes, plan: Plan) -> tuple[Array, bool]:

@@ -15,8 +15,8 @@ from jax import Array, lax
 from jaxrt.boundary.anchors import occluder_anchors
 from jaxrt.boundary.clearance import EdgeSamples, ViewRays, beside
 from jaxrt.boundary.guiding import Draw, place, sample_guided
-from jaxrt.boundary.shadows import NUDGE, Plan, bins_for
-from jaxrt.boundary.silhouettes import Afar, Eye, Rim, Silhouettes, angular_lengths, edge_table, rim_at
+from jaxrt.boundary.shadows import NUDGE, Plan
+from jaxrt.boundary.silhouettes import Afar, Eye, Rim, Silhouettes, angular_lengths, bins_for, edge_table, rim_at
 from jaxrt.boundary.trail import through_lens
 from jaxrt.cameras import View, edges_known, projection
 from jaxrt.core.maths import dot, normalize, safe_divide, safe_sqrt

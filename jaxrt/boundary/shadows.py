@@ -17,7 +17,7 @@ from jax import Array, lax
 from jaxrt.boundary.anchors import occluder_anchors, surface_anchors
 from jaxrt.boundary.clearance import Anchors, EdgeSamples, LightPoints, ViewRays, beside
 from jaxrt.boundary.guiding import Draw, place, sample_guided
-from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, edge_table, rim_at
+from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, bins_for, edge_table, rim_at
 from jaxrt.boundary.trail import Vertex, one_of, path_from, through_lens
 from jaxrt.cameras import Projection, edges_known, projection
 from jaxrt.core.maths import dot, face_forward, normalize, safe_divide, safe_sqrt, unit_roundoff
@@ -43,8 +43,7 @@ from jaxrt.transport.path import Tables, tables_of
 NUDGE = 1e-4  # of the distance to the outline: rays pass it at this distance, since grazing ones may go either way
 BEYOND = 1e-3  # a receiver is farther than the outline by this share of its distance
 LOBE = 0.9  # share of light points drawn by the cosine to the outline; the others are uniform
-FEW_ROWS = 512  # outlines up to this number are cut into BINS bins each
-BINS = 8
+LIGHTS_ONLY = 2  # soft shadows of lights that alone move get this part of the samples: they are smooth
 GRAZING = 1e-4  # smallest cosine between camera ray and receiver
 
 
@@ -110,12 +109,9 @@ def shadow_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ..
     faces = scene.triangles.faces if scene.triangles is not None and plan.geometry_moves else None
     operands = ShadowTables(tables, outlines, faces, around_lights(tables.geometry, tables.materials, scene.lights))
     weights = shadow_weights(tables, outlines, bins)
-    return sample_guided(partial(_sample, plan, bins), operands, weights, plan.n, seed, plan.devices)
-
-
-def bins_for(rows: int) -> int:
-    """Return into how many bins to cut each of so many outlines."""
-    return BINS if rows <= FEW_ROWS else 1
+    soft = tables.lights.lights.have_size and not plan.geometry_moves
+    n = -(-plan.n // LIGHTS_ONLY) if soft else plan.n
+    return sample_guided(partial(_sample, plan, bins), operands, weights, n, seed, plan.devices)
 
 
 def shadow_weights(tables: Tables, outlines: Silhouettes, bins: int) -> Array:

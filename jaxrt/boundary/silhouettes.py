@@ -54,6 +54,8 @@ class Afar:
 
 
 Eye = Array | Afar  # (3,)
+FEW_ROWS = 512  # outlines up to this number are cut into BINS bins each
+BINS = 8
 NARROWEST = 1e-3  # share of an outline within which most of it is wanted, at least
 
 
@@ -113,6 +115,11 @@ def _are_seams(triangles: Triangles) -> Array:
             other = jnp.where(crossed[:, None, None], own[:, 1, ::-1], own[:, 1])
             jumps = jumps | jnp.any(own[:, 0] != other, (-2, -1))
     return jumps
+
+
+def bins_for(rows: int) -> int:
+    """Return into how many bins to cut each of so many outlines."""
+    return BINS if rows <= FEW_ROWS else 1
 
 
 def angular_lengths(table: Silhouettes, eye: Eye, reach: Array, creases: bool, bins: int) -> Array:

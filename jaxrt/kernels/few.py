@@ -11,7 +11,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax import Array
+from jax import Array, lax
 from jax.custom_batching import custom_vmap
 
 from jaxrt.kernels.bits import each_of, masks
@@ -33,6 +33,28 @@ def where_needed(f: Callable[..., Any], needed: Array, *operands: Any) -> Any:
         return results, jax.tree.map(lambda _: True, results)
 
     return chosen(needed, *operands)
+
+
+def where_any(needed: Array, f: Callable[..., Any], otherwise: Callable[..., Any], *operands: Any) -> Any:
+    """Return f(*operands), or otherwise(*operands) if no lane of a native kernel's packet is `needed`, () bool.
+
+    What f gives lanes that do not need it must not matter. The operands must be all that both read.
+    """
+    if not in_native():
+        return f(*operands)
+    one = custom_vmap(lambda needed, *operands: f(*operands))
+
+    @one.def_vmap
+    def rule(size: int, batched: Any, needed: Array, *operands: Any) -> Any:
+        axes = tuple(jax.tree.map(lambda flag: 0 if flag else None, one) for one in batched[1:])
+
+        def of_all(g: Callable[..., Any]) -> Callable[..., Any]:
+            return lambda *operands: jax.vmap(g, in_axes=axes, axis_size=size)(*operands)
+
+        results = lax.cond(jnp.any(needed), of_all(f), of_all(otherwise), *operands)
+        return results, jax.tree.map(lambda _: True, results)
+
+    return one(needed, *operands)
 
 
 def _chosen(f: Callable[..., Any], needed: Array, *operands: Any) -> Any:

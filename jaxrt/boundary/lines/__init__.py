@@ -34,8 +34,10 @@ from jaxrt.boundary.lines.chains import (
     blocker,
     chain_from,
     end_of,
+    is_light,
     lamp_for,
     lamp_middle,
+    part_by_light,
     sent_by,
 )
 from jaxrt.boundary.lines.lamps import shows_lamp
@@ -59,6 +61,7 @@ ASIDE = 1e-3  # pixels: as near to its border no triangle is taken to cross anot
 FAINT = 0.02  # weight of a difference that another sampler has, in all likelihood
 ELSEWHERE = 0.1  # share of the samples outside of where a look at the picture finds edges
 SHARE = 4  # one of so many boundary samples is a line: each costs as much as several others
+LIGHTS_ONLY = 16  # the same where lights alone move: they show, and cast shadows, in a small part of the picture
 
 
 @pytree
@@ -123,11 +126,10 @@ def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]
     operands = LineTables(tables, faces)
     seed = seed ^ jnp.uint32(8)
     weights = _weights(plan, tables, seed)
+    n = -(-plan.n // (SHARE if plan.geometry_moves else LIGHTS_ONLY))
 
     def sampled(weights: Array) -> EdgeSamples:
-        found: EdgeSamples = sample_guided(
-            partial(_sample, plan), operands, weights, -(-plan.n // SHARE), seed, plan.devices
-        )
+        found: EdgeSamples = sample_guided(partial(_sample, plan), operands, weights, n, seed, plan.devices)
         return found
 
     # Traced once, for its shapes and for itself
@@ -194,7 +196,7 @@ def _seems_to_end(plan: Plan, tables: Tables, seed: Array, pixel: Array) -> Arra
 
     def ends(i: Array) -> Array:
         pair = tuple(jax.tree.map(lambda x, k=k: x[k], looks) for k in (0, i))
-        return _interest(tables, _line(corner, i < 2), pair) >= 1
+        return _interest(plan, tables, _line(corner, i < 2), pair) >= 1
 
     found = jnp.any(lax.map(ends, jnp.arange(1, 3)))
     if _goes_on(plan, tables.materials):
@@ -225,7 +227,7 @@ def _differs(a: Look, b: Look) -> Array:
     return jnp.any(a.chain.met != b.chain.met) | (a.lit != b.lit)
 
 
-def _interest(tables: Tables, line: Line, looks: tuple[Look, Look]) -> Array:
+def _interest(plan: Plan, tables: Tables, line: Line, looks: tuple[Look, Look]) -> Array:
     """Return 0 where two looks are alike, 1 where they differ by what is sampled here, FAINT where hardly so."""
     a, b = looks
     pair = jnp.stack([a.chain.met[0], b.chain.met[0]])
@@ -234,6 +236,8 @@ def _interest(tables: Tables, line: Line, looks: tuple[Look, Look]) -> Array:
     # Do they meet in between if they go on as they are?
     meet = (near[0] < near[1]) & (near[1] < FAR) & (beyond[1] < beyond[0]) & (beyond[0] < FAR)
     others = (pair[0] != pair[1]) & ~(meet & may_cross(tables.geometry, pair))
+    if not plan.geometry_moves:
+        others = others | ~part_by_light(tables, a.chain, b.chain)
     return jnp.where(_differs(a, b), jnp.where(others, FAINT, 1), 0).astype(line.start.dtype)
 
 
@@ -320,8 +324,7 @@ def _edge(plan: Plan, tables: Tables, line: Line, search: Search, looks: Look) -
     # Outlines before the camera's own eye have samples of their own
     valid = (is_shadow | (valid & (found.crossing | (event > 0)))) & found.valid & ~flipped & (search.worth > 0)
     if not plan.geometry_moves:
-        n = 0 if tables.geometry.spheres is None else tables.geometry.spheres.radius.shape[0]
-        valid = valid & (is_shadow | jnp.any((met >= tables.first_light) & (met < n)))
+        valid = valid & (is_shadow | jnp.any(is_light(tables, met)))
     return Edge(found, change, jnp.where(is_shadow, chains.last[0], event - 1), share * found.aside, is_shadow, valid)
 
 
@@ -360,7 +363,7 @@ def _search(plan: Plan, tables: Tables, line: Line, stream: Stream) -> Search:
             end = end_of(tables, look.chain)[0].position
             lamp = _where(i == 0, once(lamp_for)(tables, end, numbers), lamp)
             look = replace(look, lit=_is_lit(plan, tables, look.chain, lamp))
-        chosen = once(_chosen)(tables, line, search, look, i > 0)
+        chosen = once(partial(_chosen, plan))(tables, line, search, look, i > 0)
         new = once(_where)(scanned, chosen, once(_halved)(search, look))
         return replace(new, lamp=lamp)
 
@@ -374,9 +377,9 @@ def _search(plan: Plan, tables: Tables, line: Line, stream: Stream) -> Search:
     return lax.fori_loop(0, 1 + steps + HALVINGS, step, start)
 
 
-def _chosen(tables: Tables, line: Line, search: Search, look: Look, is_second: Array) -> Search:
+def _chosen(plan: Plan, tables: Tables, line: Line, search: Search, look: Look, is_second: Array) -> Search:
     """Return the search with the piece from the last look to this one taken or left, by their worth."""
-    worth = jnp.where(is_second, once(_interest)(tables, line, (search.last, look)), 0)
+    worth = jnp.where(is_second, once(partial(_interest, plan))(tables, line, (search.last, look)), 0)
     taken, coins, total = one_of_both(search.coins, worth, search.total)
     ends = _where(taken, (search.last, look), search.ends)
     return Search(search.lamp, look, ends, coins, jnp.where(taken, worth, search.worth), total, search.odds)

@@ -19,10 +19,11 @@ from jaxrt.core.sampling import (
     sample_cosine_hemisphere,
     sample_uniform_sphere,
 )
+from jaxrt.kernels.few import where_any
 from jaxrt.kernels.native import in_stages, once
 from jaxrt.lights import casters_of, intensity_toward, pick
 from jaxrt.materials import Scattering, absorption_of, evaluate, scatter
-from jaxrt.shapes import distance_to, find, leave, surface_point
+from jaxrt.shapes import Geometry, distance_to, find, leave, surface_point
 from jaxrt.transport.medium import Medium
 from jaxrt.transport.path import Tables
 
@@ -59,31 +60,60 @@ class Lamp:
 def chain_from(tables: Tables, ray: Ray, numbers: Numbers, length: int) -> Chain:
     """Return the chain of a camera ray. numbers: of each event, from 1, as for `radiance`."""
 
-    Carry = tuple[Ray, Array, Array, Array | None]
+    Power = tuple[Array, Array | None]  # throughput, and absorption of what the ray goes through
+    Carry = tuple[Ray, Array, Power]
 
     def event(carry: Carry, k: Array) -> tuple[Carry, tuple[Turn, Array, Array]]:
-        ray, going, weight, absorption = carry
-        start = jnp.where(going, ray.origin, AWAY) if length > 1 else ray.origin
-        hit = once(find)(tables.geometry, Ray(start, ray.direction))
-        point = once(surface_point)(tables.geometry, ray, hit)
+        ray, going, power = carry
         _, _, *u = numbers(k + 1)
-        scattering = in_stages(scatter)(tables.materials, point, -ray.direction, (u[0], u[1]))
+
+        def meet(
+            tables: Tables, ray: Ray, going: Array, power: Power, u: tuple[Array, Array]
+        ) -> tuple[Ray, Array, Power, Hit, Array]:
+            weight, absorption = power
+            start = jnp.where(going, ray.origin, AWAY) if length > 1 else ray.origin
+            hit = once(find)(tables.geometry, Ray(start, ray.direction))
+            point = once(surface_point)(tables.geometry, ray, hit)
+            scattering = in_stages(scatter)(tables.materials, point, -ray.direction, u)
+            on = going & hit.valid & scattering.specular
+            if absorption is not None:
+                medium = Medium(absorption, point, -ray.direction, *absorption_of(tables.materials, point))
+                weight = jnp.where(going & hit.valid, weight * medium.passed(), weight)
+                absorption = jnp.where(on, medium.beyond(scattering.direction), absorption)
+            weight = jnp.where(on, weight * scattering.weight, weight)
+            side = dot(point.shading, ray.direction) * dot(point.shading, scattering.direction)
+            onward = once(leave)(point, scattering.direction)
+            return onward, on, (weight, absorption), hit, on & (side > 0)
+
+        def skip(
+            tables: Tables, ray: Ray, going: Array, power: Power, u: tuple[Array, Array]
+        ) -> tuple[Ray, Array, Power, Hit, Array]:
+            return ray, going, power, Hit(jnp.int32(0), going), going
+
+        onward, on, power, hit, through = where_any(going, meet, skip, tables, ray, going, power, (u[0], u[1]))
         met = jnp.where(going, jnp.where(hit.valid, hit.index, MISSED), ENDED)
-        on = going & hit.valid & scattering.specular
-        if absorption is not None:
-            medium = Medium(absorption, point, -ray.direction, *absorption_of(tables.materials, point))
-            weight = jnp.where(going & hit.valid, weight * medium.passed(), weight)
-            absorption = jnp.where(on, medium.beyond(scattering.direction), absorption)
-        side = dot(point.shading, ray.direction) * dot(point.shading, scattering.direction)
-        onward = once(leave)(point, scattering.direction)
-        weight = jnp.where(on, weight * scattering.weight, weight)
-        return (onward, on, weight, absorption), (Turn(ray, hit.index, (u[0], u[1])), met, on & (side > 0))
+        return (onward, on, power), (Turn(ray, hit.index, (u[0], u[1])), met, through)
 
     ones = jnp.ones_like(ray.origin)
-    start = ray, jnp.ones((), bool), ones, jnp.zeros_like(ones) if tables.materials.absorb else None
-    (_, _, weight, absorption), (turns, met, through) = lax.scan(event, start, jnp.arange(length, dtype=jnp.int32))
+    start = ray, jnp.ones((), bool), (ones, jnp.zeros_like(ones) if tables.materials.absorb else None)
+    (_, _, power), (turns, met, through) = lax.scan(event, start, jnp.arange(length, dtype=jnp.int32))
     last = jnp.sum(jnp.where(met != ENDED, 1, 0)).astype(jnp.int32) - 1
-    return Chain(turns, met, through, last, weight, absorption)
+    return Chain(turns, met, through, last, *power)
+
+
+def is_light(tables: Tables, met: Array) -> Array:
+    """Return which of the primitives that chains have met are sphere lights, bool of their shape."""
+    n = 0 if tables.geometry.spheres is None else tables.geometry.spheres.radius.shape[0]
+    return (met >= tables.first_light) & (met < n)
+
+
+def part_by_light(tables: Tables, a: Chain, b: Chain) -> Array:
+    """Return whether the first that two chains meet apart from each other is a sphere light, or they are alike."""
+    same, lights = jnp.ones((), bool), jnp.zeros((), bool)
+    for one, other in zip(a.met, b.met, strict=True):
+        lights = jnp.where(same, is_light(tables, one) | is_light(tables, other), lights)
+        same = same & (one == other)
+    return same | lights
 
 
 def end_of(tables: Tables, chain: Chain) -> tuple[SurfacePoint, Ray, Array]:
@@ -146,11 +176,16 @@ def blocker(tables: Tables, chain: Chain, lamp: Lamp, max_depth: int) -> tuple[R
     ray = leave(point, normalize(away))
     behind = (chain.last > 0) & (chain.last < max_depth)
     wanted = lit & behind & (_sent(tables, chain, point, arriving, lamp, ray.direction, length) > 0).any()
-    hit = once(find)(tables.geometry, Ray(jnp.where(wanted, ray.origin, AWAY), ray.direction))
+    start = jnp.where(wanted, ray.origin, AWAY)
+    hit = where_any(wanted, once(find), _miss, tables.geometry, Ray(start, ray.direction))
     nearer = distance_to(tables.geometry, ray, hit.index) < length * (1 - BEYOND)
     own = tables.lights is not None and tables.lights.lights.have_size
     other = hit.index != tables.first_light + lamp.light if own else True
     return ray, length, jnp.where(wanted & hit.valid & nearer & other, hit.index, MISSED)
+
+
+def _miss(geometry: Geometry, ray: Ray) -> Hit:
+    return Hit(jnp.zeros((), jnp.int32), jnp.zeros((), bool))
 
 
 def sent_by(tables: Tables, chain: Chain, lamp: Lamp) -> Array:
