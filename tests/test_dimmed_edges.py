@@ -1,5 +1,6 @@
 """Light that is followed from lamps on, through glass that dims it or scatters it: its power, by closed forms."""
 
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -73,6 +74,19 @@ def test_light_fades_from_a_lamp_in_tinted_glass(quick_compilation):
     assert np.all(clear[:3] == 0) and np.all(clear[3] > 0)
     travelled = 1.65 - 0.12 - (1.2 - RADIUS) - RADIUS
     np.testing.assert_allclose(dim[3] / clear[3], np.exp(-travelled * TINT - RADIUS * inner), rtol=1e-4)
+
+
+def test_a_lamp_in_the_open_is_in_no_glass():
+    """A way up that meets nothing ends there, and not where the scene's first ball would be met."""
+    there = tables(TINT.tolist(), [0.0] * 3)
+    spheres = replace(there.geometry.spheres, tree=None)
+    order = jnp.asarray([2, 1, 0, 3])
+    turned = jax.tree.map(lambda leaf: leaf[order] if leaf.shape[:1] == (4,) else leaf, spheres)
+    geometry = replace(there.geometry, spheres=turned)
+    for height, expected in ((5.0, 0 * TINT), (1.65, TINT)):
+        lights = replace(there.lights.lights, position=jnp.asarray([[0, height, 0]]))
+        found = around_lights(geometry, there.materials, lights)
+        np.testing.assert_allclose(found, [expected], rtol=1e-6)
 
 
 def test_rough_glass_keeps_power(quick_compilation):

@@ -15,6 +15,7 @@ from benchmarks.ladder import build
 from jaxrt.boundary import clearance_of, sample_edges, splat
 from jaxrt.boundary.bounced import bounced_edges
 from jaxrt.boundary.shadows import shadow_edges
+from jaxrt.boundary.silhouettes import Aim
 from jaxrt.core.records import SurfacePoint
 from jaxrt.materials import evaluate
 from jaxrt.scene import drawn
@@ -34,7 +35,7 @@ def below():
         {
             "camera": dict(position=[0, HEIGHT, 2], target=[0, 0, 0], fov=FOV, width=SIZE, height=SIZE),
             "materials": {
-                "metal": {"type": "conductor", "albedo": [0.9, 0.7, 0.4], "roughness": 0.5},
+                "metal": {"type": "conductor", "albedo": [0.9, 0.7, 0.4], "roughness": 0.2},
                 "plastic": {"type": "plastic", "albedo": [0.3, 0.5, 0.7], "roughness": 0.4},
                 "black": {"type": "diffuse", "albedo": [0, 0, 0]},
             },
@@ -190,3 +191,20 @@ def test_edges_are_sampled_whatever_the_surfaces_are_of(kinds):
     scene["camera"] = {"position": [0, 1, 9], "target": [0, 1, 0], "width": 8, "height": 8}
     sample = partial(sample_edges, plan=plan(64, kinds, geometry=True, lights=True))
     assert jax.eval_shape(sample, drawn(jaxrt.build(scene)), jax.ShapeDtypeStruct((), jnp.uint32))
+
+
+@pytest.mark.parametrize("is_round", [True, False])
+@pytest.mark.parametrize("width", [1e-3, 0.05, 1.0])
+@pytest.mark.parametrize("t", [0.0, 0.4, 1.0])
+def test_places_near_a_lobe_have_their_density(is_round, width, t):
+    """The share of places drawn before each of many is the density's integral up to there."""
+    aim = Aim(jnp.float32(t), jnp.float32(width), jnp.asarray(is_round))
+    u = (np.arange(20_000, dtype=np.float32) + 0.5) / 20_000
+    drawn_at = np.sort(np.asarray(aim.draw(u), float))
+    near = t + width * np.tan(np.pi * (u[::4].astype(float) - 0.5))
+    near = near % 1 if is_round else np.clip(near, 0, 1)
+    places = np.unique([*np.linspace(0, 1, 2001), *near])
+    middle = (places[1:] + places[:-1]) / 2
+    before = np.cumsum(np.asarray(aim.density(middle.astype(np.float32)), float) * np.diff(places))
+    assert before[-1] == pytest.approx(1, abs=0.02)
+    np.testing.assert_allclose(np.searchsorted(drawn_at, places[1:]) / 20_000, before, atol=0.02)

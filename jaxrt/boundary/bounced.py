@@ -27,7 +27,7 @@ from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.core.samplers import Stream, independent
 from jaxrt.core.sampling import numbers_of_direction
 from jaxrt.kernels.native import in_stages, map_packets, once
-from jaxrt.materials import absorption_of, evaluate, numbers_toward, scatter, tell_numbers
+from jaxrt.materials import absorption_of, evaluate, numbers_toward, scatter, tells_numbers_at
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, leave, surface_point
 from jaxrt.transport.medium import Medium
@@ -38,7 +38,7 @@ CANDIDATES = 32  # points of outlines, of which one is taken by how large it loo
 LOOKOUTS = 64
 SHARE = 3  # one of so many boundary samples: each costs as much as several others
 WIDE = 3.0  # radians: a lobe of all directions
-TURNED = 1e-6  # least cosine at which a diffuse surface sees anything
+TURNED = 1e-6  # least cosine at which a surface sees anything
 
 
 @pytree
@@ -55,7 +55,7 @@ class Arrival:
     """A path's event."""
 
     turn: Turn
-    flux: Array  # (3,) what light that is scattered there counts in the picture, of diffuse ones with the albedo; or 0
+    flux: Array  # (3,) weight of light scattered there, at diffuse surfaces with the albedo, at glossy without f; or 0
     glossy: Array | None  # () bool; None in scenes without glossy surfaces
     absorption: Array | None  # (3,) per unit of length, of what its ray comes through; None where nothing absorbs
 
@@ -77,7 +77,7 @@ class Station:
             return even
         wo = -self.arrival.turn.ray.direction
         value = in_stages(evaluate)(tables.materials, self.point, wo, direction)[0]
-        return jnp.where(self.arrival.glossy, value, even)
+        return jnp.where(self.arrival.glossy, jnp.where(jnp.abs(cosine) > TURNED, value, 0), even)
 
     def lobe(self, tables: Tables) -> "Lobe":
         """Return where a glossy surface mirrors light to, and about how wide its lobe is there."""
@@ -153,7 +153,7 @@ def _sample(plan: Plan, events: int, operands: BouncedTables, draw: Draw) -> tup
     # From its end past an outline
     grazing = _grazing(plan, operands, Station(arrival, point, facing, eye), draw)
     direction, absorption = normalize(grazing.rim.point - eye), None
-    if any(kind.transmits and not kind.is_delta for kind in tables.materials.kinds):
+    if tables.materials.are_translucent:
         eye = jnp.where(brings, once(leave)(point, direction).origin, eye)
     if arrival.absorption is not None:
         medium = Medium(arrival.absorption, point, wo, *absorption_of(tables.materials, point))
@@ -203,7 +203,7 @@ def _path(tables: Tables, ray: Ray, stream: Stream, events: int) -> Arrival:
         onward = arriving * scattering.weight
         flux = jnp.where(scattering.diffuse, onward, 0)
         if scattering.glossy is not None:
-            flux = jnp.where(scattering.glossy & tell_numbers(tables.materials, point), arriving, flux)
+            flux = jnp.where(scattering.glossy & tells_numbers_at(tables.materials, point), arriving, flux)
         arrival = Arrival(Turn(ray, hit.index, (u[0], u[1])), flux, scattering.glossy, absorption)
         return (once(leave)(point, scattering.direction), onward, beyond), arrival
 

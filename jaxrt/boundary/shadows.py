@@ -107,7 +107,9 @@ def shadow_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ..
         return ()
     bins = bins_for(outlines.rows)
     faces = scene.triangles.faces if scene.triangles is not None and plan.geometry_moves else None
-    operands = ShadowTables(tables, outlines, faces, around_lights(tables.geometry, tables.materials, scene.lights))
+    operands = ShadowTables(
+        tables, outlines, faces, around_lights(tables.geometry, tables.materials, tables.lights.lights)
+    )
     weights = shadow_weights(tables, outlines, bins)
     soft = tables.lights.lights.have_size and not plan.geometry_moves
     n = -(-plan.n // LIGHTS_ONLY) if soft else plan.n
@@ -253,7 +255,7 @@ def vertex(tables: Tables, draw: Draw, bent: bool, carrier: Carrier, k: Array) -
     passes = arrived & ((scattering.specular if bent else scattering.lit) | (k > 0))
     # Show it to the camera
     faced = face_forward(point.shading, wo)
-    if any(kind.transmits and not kind.is_delta for kind in tables.materials.kinds):
+    if tables.materials.are_translucent:
         # What lets light pass shows it on both sides
         away = tables.camera.eye(point.position) - point.position
         faced = jnp.where(absorption_of(tables.materials, point)[1], face_forward(point.shading, away), faced)

@@ -216,7 +216,8 @@ class Aim:
     def density(self, t: Array) -> Array:
         """Return that of a place."""
         spread = 2 * jnp.pi * self.width
-        around = safe_divide(jnp.sinh(spread), jnp.cosh(spread) - jnp.cos(2 * jnp.pi * (t - self.t)))
+        half, turn = jnp.sinh(spread / 2), jnp.sin(jnp.pi * (t - self.t))
+        around = jnp.sinh(spread) / (2 * (half * half + turn * turn))
         off = (t - self.t) / self.width
         whole = self._share_before(jnp.ones_like(t)) - self._share_before(jnp.zeros_like(t))
         return jnp.where(self.round, around, 1 / (jnp.pi * self.width * (1 + off * off) * whole))
@@ -226,7 +227,7 @@ class Aim:
 
 
 def aim_at(table: Silhouettes, row: Array, eye: Array, direction: Array, angle: Array) -> Aim:
-    """Return where a row's outline comes nearest to a direction from an eye, as wide as an angle looks there."""
+    """Return where a row's outline comes nearest to a line from an eye, as wide as an angle looks there."""
     places, n = [], table.spheres_count
     if table.spheres is not None:
         side, up = frame(normalize(table.spheres.center[jnp.minimum(row, n - 1)] - eye))

@@ -25,7 +25,16 @@ from jaxrt.materials.facets import Faceted
 from jaxrt.textures import Textures, painted
 from jaxrt.textures.recording import WIDTH
 
-__all__ = ["Materials", "Scattering", "albedo_of", "evaluate", "numbers_toward", "scatter", "single", "tell_numbers"]
+__all__ = [
+    "Materials",
+    "Scattering",
+    "albedo_of",
+    "evaluate",
+    "numbers_toward",
+    "scatter",
+    "single",
+    "tells_numbers_at",
+]
 
 # One file each, numbered in this order
 MATERIALS.load("diffuse", "mirror", "glass", "conductor", "plastic", "rough_glass", "principled")
@@ -94,6 +103,11 @@ class Materials:
     def see_outlines(self) -> bool:
         """Whether any scatters to where outlines are, by numbers that are known."""
         return any(kind.is_lambertian or _tells_numbers(kind) for kind in self.kinds)
+
+    @property
+    def are_translucent(self) -> bool:
+        """Whether any lets light pass and scatters it."""
+        return any(kind.transmits and not kind.is_delta for kind in self.kinds)
 
     @property
     def absorb(self) -> bool:
@@ -240,7 +254,7 @@ def numbers_toward(
     return u0, u1
 
 
-def tell_numbers(materials: Materials, surface: SurfacePoint) -> Array:
+def tells_numbers_at(materials: Materials, surface: SurfacePoint) -> Array:
     """Return whether a surface is of a glossy kind that tells by which numbers it scatters to somewhere, () bool."""
     told, first = jnp.zeros((), bool), 0
     for kind, end in zip(materials.kinds, accumulate(materials.counts), strict=True):
@@ -251,7 +265,7 @@ def tell_numbers(materials: Materials, surface: SurfacePoint) -> Array:
 
 
 def _tells_numbers(kind: Any) -> bool:
-    return hasattr(kind, "numbers_toward")
+    return hasattr(kind, "numbers_toward") and not (kind.is_delta or kind.is_lambertian)
 
 
 def transmittance(one: Any, surface: SurfacePoint, wo: Array) -> Array | None:

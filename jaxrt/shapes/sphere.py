@@ -205,7 +205,7 @@ def round_sphere(normal: Array) -> Array:
 
 
 def _distance_to_surface(row: Row, ray: Ray) -> Array:
-    """Return the distance that `root_distance` finds, differentiable; of a ray that misses, to where it is nearest.
+    """Return the distance that `root_distance` finds, differentiable; for a miss, that to where the line is nearest.
 
     The quotient would be without bound where such a ray begins beside the sphere, and its derivative no number.
     """

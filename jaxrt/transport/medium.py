@@ -1,17 +1,17 @@
 """What light goes through, air or tinted glass: where a path comes to a surface, and where a light stands."""
 
+import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.core.maths import dot, normalize
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Ray, SurfacePoint
-from jaxrt.kernels.native import once
 from jaxrt.lights import Lights, casters_of
 from jaxrt.materials import Materials, absorption_of
 from jaxrt.shapes import Geometry, find, leave, surface_point
 
-WALLS = 8  # surfaces behind which a light may be of what it is in
+WALLS = 8  # surfaces on one way, the lamp's own among them, behind which that of what it is in may be
 
 
 @pytree
@@ -45,9 +45,9 @@ class Medium:
         return self.clear & (dot(self.point.shading, self.wo) < 0)
 
 
-def around_lights(geometry: Geometry, materials: Materials, lights: Lights | None) -> Array | None:
+def around_lights(geometry: Geometry, materials: Materials, lights: Lights) -> Array | None:
     """Return the absorption (lights, 3) of what each light that has a place is in; None where nothing absorbs."""
-    if lights is None or not materials.absorb:
+    if not materials.absorb:
         return None
 
     def around(place: Array) -> Array:
@@ -55,15 +55,16 @@ def around_lights(geometry: Geometry, materials: Materials, lights: Lights | Non
 
         def further(_: int, state: tuple[Ray, Array, Array]) -> tuple[Ray, Array, Array]:
             ray, found, absorption = state
-            hit = once(find)(geometry, ray)
-            point = once(surface_point)(geometry, ray, hit)
+            hit = find(geometry, ray)
+            point = surface_point(geometry, ray, hit)
             inside, clear = absorption_of(materials, point)
             first = hit.valid & clear & ~found
             leaves = dot(point.shading, ray.direction) > 0
-            return once(leave)(point, ray.direction), found | first, jnp.where(first & leaves, inside, absorption)
+            onward, done = leave(point, ray.direction), found | first | ~hit.valid
+            return onward, done, jnp.where(first & leaves, inside, absorption)
 
         up = normalize(jnp.asarray([0.3, 0.8, 0.5], place.dtype))
         nothing = jnp.zeros((), bool), jnp.zeros_like(place)
         return lax.fori_loop(0, WALLS, further, (Ray(place, up), *nothing))[2]
 
-    return lax.map(around, casters_of(lights)[0])
+    return jax.vmap(around)(casters_of(lights)[0])
