@@ -190,7 +190,8 @@ def test_l4_killed_resumed_and_merged_processes_draw_one_picture(place):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_l7_a_signal_while_modules_are_loaded_is_one_line(number):
     code = (
-        "import importlib, os, sys, time; from jaxrt.cli import main\n"
+        "import importlib, os, signal, sys, time; from jaxrt.cli import main\n"
+        f"if signal.getsignal({int(number)}) == signal.SIG_IGN: signal.signal({int(number)}, signal.SIG_DFL)\n"
         f"importlib.import_module = lambda name: (os.kill(os.getpid(), {int(number)}), time.sleep({GUARD}))\n"
         "sys.exit(main(['info', 'a.toml']))"
     )
