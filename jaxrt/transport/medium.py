@@ -1,6 +1,5 @@
 """What light goes through, air or tinted glass: where a path comes to a surface, and where a light stands."""
 
-import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
@@ -67,4 +66,4 @@ def around_lights(geometry: Geometry, materials: Materials, lights: Lights) -> A
         nothing = jnp.zeros((), bool), jnp.zeros_like(place)
         return lax.fori_loop(0, WALLS, further, (Ray(place, up), *nothing))[2]
 
-    return jax.vmap(around)(casters_of(lights)[0])
+    return lax.map(around, casters_of(lights)[0])
