@@ -27,10 +27,10 @@ from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.core.samplers import Stream, independent
 from jaxrt.core.sampling import numbers_of_direction
 from jaxrt.kernels.native import in_stages, map_packets, once
-from jaxrt.materials import absorption_of, evaluate, numbers_toward, scatter, tells_numbers_at
+from jaxrt.materials import evaluate, numbers_toward, scatter, tells_numbers_at
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, leave, surface_point
-from jaxrt.transport.medium import Medium
+from jaxrt.transport.medium import medium_at
 from jaxrt.transport.path import Tables, Walk, event_at, last_look, tables_of, walk_along
 
 TILES = 8  # the picture is divided into so many parts each way, among which a pilot shares the samples
@@ -128,7 +128,7 @@ def bounced_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, .
     places = _places(tables, seed, events)
     operands = BouncedTables(tables, outlines, lookouts_at(outlines, places, first, creases))
     weights = jnp.ones(events * TILES * TILES, places.dtype)
-    n = -(-plan.n // (SHARE if plan.geometry_moves else LIGHTS_ONLY))
+    n = plan.part(SHARE, LIGHTS_ONLY)
     sample = partial(_sample, plan, events)
     return (sample_guided(sample, operands, weights, n, seed ^ jnp.uint32(2), plan.devices),)
 
@@ -156,8 +156,7 @@ def _sample(plan: Plan, events: int, operands: BouncedTables, draw: Draw) -> tup
     if tables.materials.are_translucent:
         eye = jnp.where(brings, once(leave)(point, direction).origin, eye)
     if arrival.absorption is not None:
-        medium = Medium(arrival.absorption, point, wo, *absorption_of(tables.materials, point))
-        absorption = medium.beyond(direction)
+        absorption = medium_at(tables.materials, arrival.absorption, point, wo).beyond(direction)
     starts, clear = both_sides(tables, outlines, grazing.row, grazing.rim, eye)
     outside, inside = jax.vmap(partial(_radiance_from, plan, tables, draw.stream, last, absorption))(*starts)
     density = placed.density * draw.total * (TILES * TILES / (camera.width * camera.height))
@@ -198,7 +197,7 @@ def _path(tables: Tables, ray: Ray, stream: Stream, events: int) -> Arrival:
         scattering = in_stages(scatter)(tables.materials, point, wo, (u[0], u[1]))
         arriving = jnp.where(hit.valid, throughput, 0)
         if absorption is not None:
-            medium = Medium(absorption, point, wo, *absorption_of(tables.materials, point))
+            medium = medium_at(tables.materials, absorption, point, wo)
             arriving, beyond = arriving * medium.passed(), medium.beyond(scattering.direction)
         onward = arriving * scattering.weight
         flux = jnp.where(scattering.diffuse, onward, 0)

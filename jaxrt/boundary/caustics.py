@@ -86,7 +86,7 @@ def caustic_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, .
     weights, blocked = _weights(tables, outlines, plan)
     operands = CausticTables(tables, outlines, around_lights(tables.geometry, tables.materials, lights))
     sample = partial(_sample, plan, blocked)
-    n = plan.n if plan.geometry_moves else -(-plan.n // LIGHTS_ONLY)
+    n = plan.part(1, LIGHTS_ONLY)
     return (sample_guided(sample, operands, weights, n, seed ^ jnp.uint32(4), plan.devices),)
 
 

@@ -62,7 +62,7 @@ def camera_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ..
     weights = angular_lengths(outlines, _eye(camera), reach, True, bins)
     if not plan.geometry_moves:
         weights = jnp.where(jnp.arange(weights.shape[0]) >= tables.first_light * bins, weights, 0)
-    n = plan.n if plan.geometry_moves else -(-plan.n // LIGHTS_ONLY)
+    n = plan.part(1, LIGHTS_ONLY)
     operands = OutlineTables(tables, outlines)
     return (sample_guided(partial(_sample, plan, bins), operands, weights, n, seed ^ jnp.uint32(1), plan.devices),)
 

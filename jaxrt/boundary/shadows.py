@@ -36,7 +36,7 @@ from jaxrt.lights import Lights, LightTable, casters_of, intensity_toward
 from jaxrt.materials import Scattering, absorption_of, evaluate, scatter
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, leave, occluded, surface_point
-from jaxrt.transport.medium import Medium, around_lights
+from jaxrt.transport.medium import around_lights, medium_at
 from jaxrt.transport.outputs import Output
 from jaxrt.transport.path import Tables, tables_of
 
@@ -57,6 +57,10 @@ class Plan(NamedTuple):
     devices: tuple[jax.Device, ...]
     outputs: tuple[Output, ...] = ()  # whose edges are wanted, instead of those of radiance
     filter: Filter | None = None  # by which film counts in pixels; None: a box
+
+    def part(self, share: int, of_lights: int) -> int:
+        """Return the number of samples of which one in so many is taken, or where lights alone move in so many."""
+        return -(-self.n // (share if self.geometry_moves else of_lights))
 
 
 @pytree
@@ -107,12 +111,10 @@ def shadow_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ..
         return ()
     bins = bins_for(outlines.rows)
     faces = scene.triangles.faces if scene.triangles is not None and plan.geometry_moves else None
-    operands = ShadowTables(
-        tables, outlines, faces, around_lights(tables.geometry, tables.materials, tables.lights.lights)
-    )
+    around = around_lights(tables.geometry, tables.materials, tables.lights.lights)
+    operands = ShadowTables(tables, outlines, faces, around)
     weights = shadow_weights(tables, outlines, bins)
-    soft = tables.lights.lights.have_size and not plan.geometry_moves
-    n = -(-plan.n // LIGHTS_ONLY) if soft else plan.n
+    n = plan.part(1, LIGHTS_ONLY if tables.lights.lights.have_size else 1)
     return sample_guided(partial(_sample, plan, bins), operands, weights, n, seed, plan.devices)
 
 
@@ -246,7 +248,7 @@ def vertex(tables: Tables, draw: Draw, bent: bool, carrier: Carrier, k: Array) -
     wo, medium = -carrier.ray.direction, None
     arriving = carrier.flux * _tilt(point, wo)
     if carrier.absorption is not None:
-        medium = Medium(carrier.absorption, point, wo, *absorption_of(tables.materials, point))
+        medium = medium_at(tables.materials, carrier.absorption, point, wo)
         arriving = arriving * jnp.exp(-medium.here * jnp.where(arrived, travelled, 0))
         # Materials would count what the way to the camera loses
         point = replace(point, travelled=None)
@@ -258,7 +260,8 @@ def vertex(tables: Tables, draw: Draw, bent: bool, carrier: Carrier, k: Array) -
     if tables.materials.are_translucent:
         # What lets light pass shows it on both sides
         away = tables.camera.eye(point.position) - point.position
-        faced = jnp.where(absorption_of(tables.materials, point)[1], face_forward(point.shading, away), faced)
+        clear = absorption_of(tables.materials, point)[1] if medium is None else medium.clear
+        faced = jnp.where(clear, face_forward(point.shading, away), faced)
     view, share = once(_connect)(tables, point, faced, travelled * carrier.aside)
     shown = passes & scattering.lit & (share > 0)
     weight = jnp.where(shown, _toward_camera(tables, point, wo, scattering, arriving, share), 0)
@@ -296,15 +299,14 @@ def _power_kept(tables: Tables, point: SurfacePoint, wo: Array, scattering: Scat
     (Veach 1997, §5.2).
     """
     weight, direction = scattering.weight, scattering.direction
-    clear = [kind for kind in tables.materials.kinds if kind.transmits]
-    if any(not kind.is_delta for kind in clear):
+    if tables.materials.are_translucent:
         assert scattering.glossy is not None
         there, back = (
             in_stages(evaluate)(tables.materials, point, *ways)[0] for ways in ((wo, direction), (direction, wo))
         )
         turned = safe_divide(jnp.abs(dot(point.shading, direction)), jnp.abs(dot(point.shading, wo)))
         weight = jnp.where(scattering.glossy, weight * turned * safe_divide(back, there), weight)
-    if all(not kind.is_delta for kind in clear):
+    if not any(kind.transmits and kind.is_delta for kind in tables.materials.kinds):
         return weight
     through = dot(point.shading, wo) * dot(point.shading, direction) < 0
     # Of all that glass may do it lets light through for the largest numbers

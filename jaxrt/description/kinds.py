@@ -310,7 +310,7 @@ def _where(cls: type) -> str:
 def _of_material(cls: Any) -> Sequence[str]:
     if cls.is_delta:
         return ("sample",)
-    return ("sample", "evaluate", *(name for name in ("numbers_toward",) if hasattr(cls, name)))
+    return ("sample", "evaluate", "numbers_toward") if hasattr(cls, "numbers_toward") else ("sample", "evaluate")
 
 
 def _of_light(cls: Any) -> Sequence[str]:

@@ -44,6 +44,11 @@ class Medium:
         return self.clear & (dot(self.point.shading, self.wo) < 0)
 
 
+def medium_at(materials: Materials, absorption: Array, point: SurfacePoint, wo: Array) -> Medium:
+    """Return what is on both sides of a surface. absorption, wo: as of `Medium`."""
+    return Medium(absorption, point, wo, *absorption_of(materials, point))
+
+
 def around_lights(geometry: Geometry, materials: Materials, lights: Lights) -> Array | None:
     """Return the absorption (lights, 3) of what each light that has a place is in; None where nothing absorbs."""
     if not materials.absorb:

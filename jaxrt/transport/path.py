@@ -30,7 +30,7 @@ from jaxrt.lights import (
     sky_radiance,
 )
 from jaxrt.lights.density import light_density
-from jaxrt.materials import Materials, Scattering, absorption_of, evaluate, scatter, with_marks
+from jaxrt.materials import Materials, Scattering, evaluate, scatter, with_marks
 from jaxrt.scene import Scene
 from jaxrt.shapes import (
     Geometry,
@@ -43,7 +43,7 @@ from jaxrt.shapes import (
     with_more,
     without_more,
 )
-from jaxrt.transport.medium import Medium
+from jaxrt.transport.medium import Medium, medium_at
 
 _KEPT = "kept"  # name of what derivatives backwards keep of an event
 Numbers = Callable[[int | Array], tuple[Array, Array, Array, Array]]  # decision block -> four numbers in [0, 1)
@@ -193,7 +193,7 @@ def arrive(tables: Tables, walk: Walk, hit: Hit, point: SurfacePoint | None = No
 
 def _medium(tables: Tables, walk: Walk, point: SurfacePoint) -> Medium:
     assert walk.absorption is not None
-    return Medium(walk.absorption, point, -walk.ray.direction, *absorption_of(tables.materials, point))
+    return medium_at(tables.materials, walk.absorption, point, -walk.ray.direction)
 
 
 def depart(

@@ -126,7 +126,7 @@ def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]
     operands = LineTables(tables, faces)
     seed = seed ^ jnp.uint32(8)
     weights = _weights(plan, tables, seed)
-    n = -(-plan.n // (SHARE if plan.geometry_moves else LIGHTS_ONLY))
+    n = plan.part(SHARE, LIGHTS_ONLY)
 
     def sampled(weights: Array) -> EdgeSamples:
         found: EdgeSamples = sample_guided(partial(_sample, plan), operands, weights, n, seed, plan.devices)

@@ -5,6 +5,7 @@ surfaces in the same order are alike; where neighbours are not, something ends i
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import jax.numpy as jnp
 from jax import Array, lax
@@ -22,10 +23,10 @@ from jaxrt.core.sampling import (
 from jaxrt.kernels.few import where_any
 from jaxrt.kernels.native import in_stages, once
 from jaxrt.lights import casters_of, intensity_toward, pick
-from jaxrt.materials import Scattering, absorption_of, evaluate, scatter
+from jaxrt.materials import Scattering, evaluate, scatter
 from jaxrt.shapes import Geometry, distance_to, find, leave, surface_point
-from jaxrt.transport.medium import Medium
-from jaxrt.transport.path import Tables
+from jaxrt.transport.medium import medium_at
+from jaxrt.transport.path import Tables, meets_light
 
 ENDED, MISSED = -2, -1  # in place of a primitive
 AWAY = 1e18  # where rays start that are not wanted: they meet nothing, in no time
@@ -77,7 +78,7 @@ def chain_from(tables: Tables, ray: Ray, numbers: Numbers, length: int) -> Chain
             scattering = in_stages(scatter)(tables.materials, point, -ray.direction, u)
             on = going & hit.valid & scattering.specular
             if absorption is not None:
-                medium = Medium(absorption, point, -ray.direction, *absorption_of(tables.materials, point))
+                medium = medium_at(tables.materials, absorption, point, -ray.direction)
                 weight = jnp.where(going & hit.valid, weight * medium.passed(), weight)
                 absorption = jnp.where(on, medium.beyond(scattering.direction), absorption)
             weight = jnp.where(on, weight * scattering.weight, weight)
@@ -85,10 +86,8 @@ def chain_from(tables: Tables, ray: Ray, numbers: Numbers, length: int) -> Chain
             onward = once(leave)(point, scattering.direction)
             return onward, on, (weight, absorption), hit, on & (side > 0)
 
-        def skip(
-            tables: Tables, ray: Ray, going: Array, power: Power, u: tuple[Array, Array]
-        ) -> tuple[Ray, Array, Power, Hit, Array]:
-            return ray, going, power, Hit(jnp.int32(0), going), going
+        def skip(tables: Tables, ray: Ray, going: Array, power: Power, _: Any) -> tuple[Ray, Array, Power, Hit, Array]:
+            return ray, going, power, _miss(tables.geometry, ray), going
 
         onward, on, power, hit, through = where_any(going, meet, skip, tables, ray, going, power, (u[0], u[1]))
         met = jnp.where(going, jnp.where(hit.valid, hit.index, MISSED), ENDED)
@@ -103,8 +102,7 @@ def chain_from(tables: Tables, ray: Ray, numbers: Numbers, length: int) -> Chain
 
 def is_light(tables: Tables, met: Array) -> Array:
     """Return which of the primitives that chains have met are sphere lights, bool of their shape."""
-    n = 0 if tables.geometry.spheres is None else tables.geometry.spheres.radius.shape[0]
-    return (met >= tables.first_light) & (met < n)
+    return meets_light(tables, Hit(met, met >= 0))
 
 
 def part_by_light(tables: Tables, a: Chain, b: Chain) -> Array:
@@ -213,6 +211,6 @@ def _sent(
         shiny = in_stages(evaluate)(tables.materials, point, wo, direction)[0]
         value = jnp.where(scattering.glossy, shiny, value)
     if chain.absorption is not None:
-        medium = Medium(chain.absorption, point, wo, *absorption_of(tables.materials, point))
+        medium = medium_at(tables.materials, chain.absorption, point, wo)
         value = value * jnp.exp(-medium.beyond(direction) * length)
     return irradiance * value
