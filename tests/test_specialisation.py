@@ -14,7 +14,7 @@ COUNTS = {
     "base": 2675,
     "mirror": 2704,
     "glass": 2808,
-    "triangles": 4100,
+    "triangles": 4101,
     "sphere light": 2893,
     "two lights": 2723,
     "environment": 2680,

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from jaxrt.core.maths import FAR
 from jaxrt.core.records import Ray
@@ -110,3 +111,21 @@ def test_surface_point_follows_the_corners_and_the_ray():
 def test_surface_point_of_a_miss_is_finite():
     point = triangle.triangle_surface_point(floor_table(), Ray(jnp.ones(3), jnp.asarray([1.0, 0, 0])), jnp.int32(1))
     assert all(np.isfinite(x).all() for x in (point.position, point.normal, point.error)) and point.material == 2
+
+
+@pytest.mark.parametrize("mode", [jax.jacfwd, jax.jacrev])
+def test_a_ray_along_a_triangle_has_a_finite_derivative(mode):
+    """Where it misses, the place is of no matter, but what is masked later must be a number, above 0 or below."""
+    rng, n = np.random.default_rng(7), 40_000
+    slopes = (rng.choice([-1, 1], n) * 10.0 ** -rng.uniform(0, 42, n)).astype(np.float32)
+    turn, lift = rng.uniform(0, 2 * np.pi, n), 10.0 ** -rng.uniform(0, 42, n) * rng.choice([-1, 0, 1], n)
+    slopes[: n // 100] = 0
+    o = np.stack([rng.uniform(-1, 2, n), lift, rng.uniform(-1, 2, n)], 1).astype(np.float32)
+    d = np.stack([np.cos(turn), slopes, np.sin(turn)], 1).astype(np.float32)
+
+    def place(corners, o, d):
+        table = triangle.corner_table(corners, jnp.zeros(1, jnp.int32))
+        return triangle.triangle_surface_point(table, Ray(o, d), jnp.int32(0)).position
+
+    found = jax.jit(jax.vmap(mode(place, (0, 1, 2)), (None, 0, 0)))(jnp.asarray(FLOOR[:3])[None], o, d)
+    assert all(np.isfinite(x).all() for x in found)

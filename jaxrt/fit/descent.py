@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from jaxrt.fit.lacks import Missing
 from jaxrt.fit.solve import Drawing, Look, Machine
+from jaxrt.fit.targets import RADIANCE, rounding_of
 from jaxrt.fit.verdict import Verdict, instrumental, judge
 
 Vector = NDArray[np.floating]
@@ -283,7 +284,8 @@ def _judged(machine: Machine, start: Vector, now: Progress, spp: int, seed: int,
         residuals, jacobians = _sets(machine, start, how, seeds)
     labels, places = problem.unknowns.labels(), _are(machine, "place", "shift")
     smooth = None if problem.smooth is None else (problem.smooth, problem.smooth @ now.vector)
-    verdict = judge(residuals, jacobians, labels, places, sets, smooth)
+    rounding = rounding_of(problem.target, problem.weight, problem.scale) if problem.outputs == RADIANCE else 0.0
+    verdict = judge(residuals, jacobians, labels, places, sets, smooth, rounding)
     target = np.asarray(problem.target * problem.weight, float)
     pictures = before[0] * problem.scale + target, residuals[0] * problem.scale + target
     return Found(now.vector, verdict, now, interrupted, pictures)

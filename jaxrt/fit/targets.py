@@ -19,6 +19,9 @@ Pictures = NDArray[np.floating]
 Named = Mapping[str, Any]
 
 FLAT = 0.1  # least size of what varies little, of the root of its sum of squares
+LEVELS = 256  # values of 8 bits
+MANY = 4  # pixels and channels of each value, on average, where a picture is of 8 bits
+STEEPEST = 2.4  # largest step of sRGB and of gamma 2.2, of the brightest over `LEVELS`
 SHINING = (*LIGHT, SKY)  # whose 0 is black
 RADIANCE = Asked(("radiance",), True, {}, False)
 
@@ -150,6 +153,20 @@ def _size(name: str, picture: Pictures, weight: NDArray[Any]) -> float:
         return whole
     mean = np.sum(picture * weight, axis=(0, 1)) / np.sum(np.broadcast_to(weight, picture.shape), axis=(0, 1))
     return max(float(np.linalg.norm((picture - mean) * weight)), FLAT * whole)
+
+
+def rounding_of(target: Array, weight: Array, scale: Floats) -> float:
+    """Return the sum of squares that rounding to 8 bits may add to residuals; 0 of a picture that is not of 8 bits.
+
+    One that is has few values, each of many pixels; from one to the next is a step, by whatever curve they are encoded.
+    """
+    picture, trust = np.asarray(target, float), np.asarray(weight, float)
+    values, number = np.unique(picture, return_inverse=True)
+    if len(values) < 2 or len(values) > LEVELS or picture.size < MANY * len(values):
+        return 0.0
+    steps = np.minimum(np.diff(values), STEEPEST * values[-1] / LEVELS)
+    step = (np.minimum(np.append(steps, np.inf), np.append(np.inf, steps)))[number.reshape(picture.shape)]
+    return float(np.sum((step * trust / scale) ** 2) / 12)
 
 
 def _of(name: str) -> str:

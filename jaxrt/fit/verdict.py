@@ -2,7 +2,9 @@
 
 Judged on fresh seeds, of which two are a and b. Their difference tells the noise of the rendering. The product of
 their residuals at the same pixel adds up to what no sample explains: errors of the model and noise of the target; the
-product of neighbouring pixels to errors of the model alone, since noise has no neighbours.
+product of neighbouring pixels to errors of the model alone, since noise has no neighbours. However little that is, it
+is unexplained if it is more than the answer's standard errors account for, or is there whatever the unknowns are; but
+for what the rounding of the target adds.
 """
 
 from collections.abc import Sequence
@@ -12,13 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Pairs = list[tuple[tuple[slice, ...], tuple[slice, ...]]]  # parts of a picture, pixel on pixel
 Rows = tuple[Floats, Floats]  # (n, k) from the unknowns' vector to further residuals, and what these (n,) are
 
 AMBIGUOUS = 1e4  # condition of the Jacobian from which on some change of the unknowns leaves the picture alone
-UNEXPLAINED = 0.01  # structured residual, of the target's RMS, that counts as an explained picture
-SIGNIFICANT = 4.0  # standard deviations
+SIGNIFICANT = 4.0  # standard deviations; by noise alone one of the four tests exceeds them once in 8,000 fits
+REACHES = 1, 3  # pixels: what is sharp and strong in a few, what is wide and faint
 SHARP = 0.02  # standard error, in components of the unknowns' vector (places: half of it), of a solved fit
 BLIND = 1e-7  # column of the Jacobian, of the largest one, below which no gradient reaches an unknown
+TINY = 1e-12  # singular value of J₂ᵀJ₁, of the largest, that is taken for zero
 NAMES = 12  # of unknowns in a message
 NAMED = 0.1  # share in a null vector from which on an unknown is named
 
@@ -44,18 +48,19 @@ def judge(
     places: NDArray[np.bool_],
     sets: int,
     smooth: Rows | None = None,
+    rounding: float = 0.0,
 ) -> Verdict:
     """Return the verdict on an answer.
 
     residuals: (height, width, 3) of two fresh seeds or more, in units in which the target's sum of squares is 1.
     jacobians: (height, width, 3, k) of the same. labels: names of the k components; places: (k,) which of them are
-    places. sets: of how many sets of samples the answer is the mean. smooth: what was to be small besides.
+    places. sets: of how many sets of samples the answer is the mean. smooth: what was to be small besides. rounding:
+    what the rounding of the target may add to a residual's sum of squares.
     """
     a, b = residuals[:2]
     jacobian = jacobians[0]
     matrix = jacobian.reshape(-1, jacobian.shape[-1])
     loss, floor = float(np.mean([np.sum(a**2), np.sum(b**2)])), float(np.sum((a - b) ** 2) / 2)
-    structured, significance = _structure(a, b)
     columns = np.linalg.norm(matrix, axis=0)
     blind = [label for label, norm in zip(labels, columns, strict=True) if norm <= BLIND * max(columns.max(), 1e-6)]
     # Of all that was to be small
@@ -70,10 +75,21 @@ def judge(
         if s * AMBIGUOUS <= values[0]
     ]
     known = condition <= AMBIGUOUS
-    errors = standard_errors(residuals, jacobians, sets, smooth) if known else np.full(len(labels), np.inf)
+    covariance = _covariance(residuals, jacobians, sets, smooth, least=AMBIGUOUS**-2)
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0)) if known else np.full(len(labels), np.inf)
+    structured = float(np.sqrt(max(_structure(residuals, _neighbours(1))[0], 0)))
+    mean = np.mean(jacobians, axis=0)
+    change = mean @ _step_from(residuals, jacobians)
+    outside = [residual - change for residual in residuals]
+    # Where it is more than noise, its own sets' and the answer's, the answer is off by about as much
+    step = _step_from(residuals, jacobians, smooth)
+    missed = step**2 > SIGNIFICANT**2 * (1 + sets / len(residuals)) * np.diag(covariance)
+    errors = np.where(missed & known, np.hypot(errors, step), errors)
+    explained = all(
+        _is_explained(residuals, outside, mean, covariance, rounding, _neighbours(reach)) for reach in REACHES
+    )
     slope, sizes = rows.T @ left, np.linalg.norm(rows, axis=0)
     gradient = float(np.max(np.abs(slope) / np.maximum(sizes * np.linalg.norm(left), 1e-30)))
-    explained = structured <= UNEXPLAINED or significance <= SIGNIFICANT
     vague = np.flatnonzero(errors > np.where(places, SHARP / 2, SHARP))
     word, message = _word(explained, structured, blind, null, [labels[i] for i in vague])
     return Verdict(word, message, loss, floor, structured, gradient, condition, null, errors)
@@ -84,13 +100,15 @@ def _word(
 ) -> tuple[str, str]:
     if not explained and blind:
         return "stalled", (
-            f"no gradient reaches {', '.join(blind)}: nothing in the picture changes with it, though {structured:.1%} "
-            "of the target is unexplained: start elsewhere (--starts 32), lights above the floor, in front of walls"
+            f"no gradient reaches {', '.join(blind)}: nothing in the picture changes with it, though "
+            f"{_percent(structured)} of the target is unexplained: start elsewhere (--starts 32), lights above the "
+            "floor, in front of walls"
         )
     if not explained:
         return "stalled", (
-            f"{structured:.1%} of the target is unexplained and no step makes it less: a local minimum, or something "
-            "else in the scene differs from the target: start elsewhere (--starts 32), or fit more parameters"
+            f"{_percent(structured)} of the target is unexplained and no step makes it less: a local minimum, "
+            "or something else in the scene differs from the target: start elsewhere (--starts 32), or fit more "
+            "parameters"
         )
     if null:
         return "ambiguous", f"{_gauge(null)}: fix one of them"
@@ -99,6 +117,11 @@ def _word(
             f"the picture is explained, but noise leaves {_some(vague)} uncertain: more spp, or a cleaner target"
         )
     return "solved", "the picture is explained up to noise, and determines the parameters"
+
+
+def _percent(share: float) -> str:
+    """Return a share in percent, to two digits where it is small."""
+    return f"{share:.1%}" if share >= 0.01 else f"{100 * share:.2g}%"
 
 
 def _some(labels: list[str]) -> str:
@@ -127,12 +150,69 @@ def _opposite(direction: dict[str, float], albedos: list[str]) -> bool:
     return all(v * w < 0 for (v, w), (n, m) in zip(pairs, channels, strict=True) if n[-1] == m[-1])
 
 
-def _structure(a: Floats, b: Floats) -> tuple[float, float]:
-    """Return the RMS of the structured part of two residuals, and its significance in standard deviations."""
-    pairs = [(a[:, 1:], b[:, :-1]), (a[:, :-1], b[:, 1:]), (a[1:], b[:-1]), (a[:-1], b[1:])]
-    power = sum(float(np.sum(x * y)) for x, y in pairs) / len(pairs)
-    spread = np.sqrt(sum(float(np.sum((x * y) ** 2)) for x, y in pairs)) / len(pairs)
-    return float(np.sqrt(max(power, 0))), power / spread if spread > 0 else 0.0
+def _is_explained(
+    residuals: Sequence[Floats],
+    outside: Sequence[Floats],
+    jacobian: Floats,
+    covariance: Floats,
+    rounding: float,
+    pairs: Pairs,
+) -> bool:
+    """Return whether noise, rounding and, by their covariance, the errors of the unknowns account for the structure.
+
+    What changes of the unknowns would take away must be within their errors; the rest, `outside`, noise.
+    """
+    power, spread = _structure(residuals, pairs)
+    own = _structure_form(jacobian, pairs) @ covariance
+    within = power - np.trace(own) - rounding <= SIGNIFICANT * np.sqrt(spread**2 + 2 * np.trace(own @ own))
+    power, spread = _structure(outside, pairs)
+    return bool(within and power - rounding <= SIGNIFICANT * spread)
+
+
+def _neighbours(reach: int) -> Pairs:
+    """Return the slices of a picture that lay each pixel on its neighbours as far as `reach` away, each pair once.
+
+    Those at 1 are beside and below, those farther away all around.
+    """
+    offsets = [(dy, dx) for dy in range(reach + 1) for dx in range(-reach, reach + 1) if dy or dx > 0]
+    offsets = [(dy, dx) for dy, dx in offsets if reach > 1 or not (dy and dx)]
+    return [(_shifted(dy, dx), _shifted(-dy, -dx)) for dy, dx in offsets]
+
+
+def _shifted(*offset: int) -> tuple[slice, ...]:
+    return tuple(slice(step, None) if step >= 0 else slice(None, step) for step in offset)
+
+
+def _structure(residuals: Sequence[Floats], pairs: Pairs) -> tuple[float, float]:
+    """Return the sum of squares of the structured part of residuals, without bias, and its standard deviation.
+
+    Each pixel meets its neighbours in other sets of samples. Channels of a pixel share their samples, and count once.
+    """
+    n, sums, power, variance = len(residuals), np.sum(residuals, axis=0), 0.0, 0.0
+    for here, there in pairs:
+        same = sum(residual[here] * residual[there] for residual in residuals)
+        products = np.sum(sums[here] * sums[there] - same, axis=-1) / (n * (n - 1) * len(pairs))
+        power += float(np.sum(products))
+        variance += float(np.sum(products**2))
+    return power, np.sqrt(variance)
+
+
+def _structure_form(jacobian: Floats, pairs: Pairs) -> Floats:
+    """Return the form (k, k) that turns a change of the unknowns into the structure that it adds."""
+    k = jacobian.shape[-1]
+    forms = [jacobian[here].reshape(-1, k).T @ jacobian[there].reshape(-1, k) for here, there in pairs]
+    form = np.mean(forms, axis=0)
+    return (form + form.T) / 2
+
+
+def _step_from(residuals: Sequence[Floats], jacobians: Sequence[Floats], smooth: Rows | None = None) -> Floats:
+    """Return the step (k,) of a least-squares solver from an answer on, by sets of samples that it was not made of."""
+    n, left = len(residuals), [residual.ravel() for residual in residuals]
+    if smooth is not None:
+        jacobians = [_below(jacobian, smooth[0]) for jacobian in jacobians]
+        left = [np.concatenate([residual, smooth[1]]) for residual in left]
+    inverses = (instrumental(jacobians[i], jacobians[(i + 1) % n], AMBIGUOUS**-2) for i in range(n))
+    return np.mean([inverse @ one for inverse, one in zip(inverses, left, strict=True)], axis=0)
 
 
 def _spectrum(matrix: Floats) -> tuple[Floats, Floats]:
@@ -166,17 +246,28 @@ def standard_errors(
     smooth: further residuals, of what was to be small besides. Of these S is the mean square of all: texels that no
     picture shows are as rough as the others, however smoothly they are filled.
     """
+    return np.sqrt(np.maximum(np.diag(_covariance(residuals, jacobians, sets, smooth)), 0))
+
+
+def _covariance(
+    residuals: Sequence[Floats], jacobians: Sequence[Floats], sets: int, smooth: Rows | None, least: float = TINY
+) -> Floats:
+    """Return the covariance (k, k) whose diagonal holds the squares of `standard_errors`. least: of `instrumental`."""
     n, (channels, k) = len(residuals), jacobians[0].shape[-2:]
     if smooth is not None:
         jacobians = [_below(jacobian, smooth[0]) for jacobian in jacobians]
-    inverses, seen = [instrumental(jacobians[i], jacobians[(i + 1) % n]) for i in range(n)], residuals[0].size
+    inverses, seen = [instrumental(jacobians[i], jacobians[(i + 1) % n], least) for i in range(n)], residuals[0].size
     steps = [inverse[:, :seen] * one.ravel() for inverse, one in zip(inverses, residuals, strict=True)]
     scores = np.stack([step.reshape(k, -1, channels).sum(axis=-1) for step in steps])
-    variance = np.mean(scores, axis=0) ** 2
+    mean = np.mean(scores, axis=0)
+    covariance = mean @ mean.T
     if n > 1:
-        variance += np.var(scores, axis=0, ddof=1) * (1 / sets - 1 / n)
-    filled = 0 if smooth is None else np.mean(smooth[1] ** 2) * np.sum(np.mean(inverses, 0)[:, seen:] ** 2, axis=1)
-    return np.sqrt(np.maximum(np.sum(variance, axis=1), 0) + filled)
+        off = (scores - mean).transpose(1, 0, 2).reshape(k, -1)
+        covariance += off @ off.T / (n - 1) * (1 / sets - 1 / n)
+    if smooth is not None:
+        filled = np.mean(inverses, axis=0)[:, seen:]
+        covariance += np.mean(smooth[1] ** 2) * filled @ filled.T
+    return covariance
 
 
 def _below(jacobian: Floats, rows: Floats) -> Floats:
@@ -184,7 +275,7 @@ def _below(jacobian: Floats, rows: Floats) -> Floats:
     return np.concatenate([jacobian.reshape(-1, rows.shape[1]), rows])
 
 
-def instrumental(jacobian: Floats, instrument: Floats, least: float = 1e-12) -> Floats:
+def instrumental(jacobian: Floats, instrument: Floats, least: float = TINY) -> Floats:
     """Return (J₂ᵀJ₁)⁻¹J₂ᵀ (k, n), which turns a residual into a step.
 
     least: singular value of J₂ᵀJ₁, of the largest, that is not taken for zero.

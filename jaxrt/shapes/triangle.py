@@ -138,17 +138,20 @@ def triangle_surface_point(table: TriangleTable, ray: Ray, i: Array) -> SurfaceP
 
     The point is laid on the triangle by its barycentric coordinates, which keeps its error independent of the distance
     travelled (Wächter and Binder, Ray Tracing Gems 2019, ch. 6). They are those of the hit test, so that slivers
-    keep the point too; Cramer's rule gives their derivatives. Of a wide triangle the ray may know the place better.
+    keep the point too; Cramer's rule gives their derivatives, 0 where the ray misses, or its slope is 0 to
+    rounding. Of a wide triangle the ray may know the place better.
     """
     corners = take(table.corners, i)
     a, edge1, edge2 = corners[0], corners[1] - corners[0], corners[2] - corners[0]
     normal = cross(edge1, edge2)
     # Solve o + t d = a + β edge1 + γ edge2 by Cramer's rule
-    s = ray.origin - a
-    q = cross(s, ray.direction)
-    slope = dot(normal, ray.direction)
-    beta, gamma = safe_divide(dot(edge2, q), -slope), safe_divide(dot(edge1, q), slope)
-    beta, gamma = jnp.clip(beta, 0, 1), jnp.clip(gamma, 0, 1)
+    slope, size = dot(normal, ray.direction), lax.stop_gradient(jnp.max(jnp.abs(normal)))
+    # Else derivatives of the quotients overflow. Their common scale cancels
+    known = jnp.abs(slope) > unit_roundoff(slope) * size
+    scale = jnp.where(known, size, 1)
+    q = jnp.where(known, cross(ray.origin - a, ray.direction) / scale, 0)
+    slope = jnp.where(known, slope / scale, 1)
+    beta, gamma = jnp.clip(dot(edge2, q) / -slope, 0, 1), jnp.clip(dot(edge1, q) / slope, 0, 1)
     # Once: else each coordinate of what follows, and of textures, finds them anew
     hit1, hit2 = once(_hit_weights)(*lax.stop_gradient((corners, ray)))
     beta, gamma = hit1 + grad_only(beta), hit2 + grad_only(gamma)

@@ -70,6 +70,19 @@ def test_o3_a_solved_fit_is_at_the_noise_floor_on_fresh_seeds(figures, position:
     assert answer.verdict.condition < 100 and not answer.verdict.null
 
 
+def test_o3_what_stays_unexplained_is_not_solved_however_little_it_is(
+    figures, position: Machine, scene: jaxrt.Scene
+) -> None:
+    """The ball of the target is darker by 3 %: half a percent of the picture, far above the noise."""
+    albedo = jaxrt.parameters(scene)["materials.albedo"]
+    darker = jaxrt.with_parameters(scene, {"materials.albedo": albedo.at[1].multiply(0.97)})
+    answer = descend(position.again(target=jaxrt.render(darker, 1000, spp=16 * SPP)), SPP)
+    assert 0.002 < answer.verdict.structured < 0.01
+    wrong = int(answer.verdict.word == "solved")
+    figures("O3", "fits of half a percent of structure called solved", ours=wrong, at_most=0)
+    assert "0.5% of the target is unexplained" in answer.verdict.message
+
+
 @pytest.mark.parametrize("place", [[1.0, -5.0, 1.0], [0.1, 1.6, -0.1]], ids=["under the floor", "inside the ball"])
 def test_o2_a_light_that_no_gradient_reaches_is_stalled(
     figures, position: Machine, scene: jaxrt.Scene, place: list[float]
