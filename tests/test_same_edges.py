@@ -27,7 +27,7 @@ from jaxrt.core.maths import normalize
 from jaxrt.core.records import Ray
 from jaxrt.transport.path import tables_of
 
-SIZE, SEEDS, SAMPLES = 16, 16, 32768
+SIZE, SEEDS, SAMPLES = 16, 16, 65536
 ERRORS = 6  # standard errors
 CAMERA = {"position": [0, 1.5, 4], "target": [0, 1.1, -10], "fov": 17}
 
