@@ -27,7 +27,7 @@ from jaxrt.core.maths import normalize
 from jaxrt.core.records import Ray
 from jaxrt.transport.path import tables_of
 
-SIZE, SEEDS, SAMPLES = 16, 16, 65536
+SIZE, SEEDS, SAMPLES = 16, 16, {"direct": 16384, "mirror": 65536}
 ERRORS = 6  # standard errors
 CAMERA = {"position": [0, 1.5, 4], "target": [0, 1.1, -10], "fov": 17}
 
@@ -74,7 +74,7 @@ def slopes(view):
 
     @quick_jit
     def sampled(key):
-        return sample_edges(here, key, plan(SAMPLES, depth, geometry=True, lights=True))
+        return sample_edges(here, key, plan(SAMPLES[view], depth, geometry=True, lights=True))
 
     @quick_jit
     def along(change, groups):
