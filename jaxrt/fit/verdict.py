@@ -75,14 +75,16 @@ def judge(
         if s * AMBIGUOUS <= values[0]
     ]
     known = condition <= AMBIGUOUS
-    covariance = _covariance(residuals, jacobians, sets, smooth, least=AMBIGUOUS**-2)
+    inverses = _inverses(jacobians, smooth, AMBIGUOUS**-2)
+    covariance = _covariance(residuals, inverses, sets, smooth)
     errors = np.sqrt(np.maximum(np.diag(covariance), 0)) if known else np.full(len(labels), np.inf)
     structured = float(np.sqrt(max(_structure(residuals, _neighbours(1))[0], 0)))
     mean = np.mean(jacobians, axis=0)
-    change = mean @ _step_from(residuals, jacobians)
+    free = inverses if smooth is None else _inverses(jacobians, None, AMBIGUOUS**-2)
+    change = mean @ _step(residuals, free)
     outside = [residual - change for residual in residuals]
     # Where it is more than noise, its own sets' and the answer's, the answer is off by about as much
-    step = _step_from(residuals, jacobians, smooth)
+    step = _step(residuals, inverses, smooth)
     missed = step**2 > SIGNIFICANT**2 * (1 + sets / len(residuals)) * np.diag(covariance)
     errors = np.where(missed & known, np.hypot(errors, step), errors)
     explained = all(
@@ -205,13 +207,22 @@ def _structure_form(jacobian: Floats, pairs: Pairs) -> Floats:
     return (form + form.T) / 2
 
 
-def _step_from(residuals: Sequence[Floats], jacobians: Sequence[Floats], smooth: Rows | None = None) -> Floats:
-    """Return the step (k,) of a least-squares solver from an answer on, by sets of samples that it was not made of."""
-    n, left = len(residuals), [residual.ravel() for residual in residuals]
+def _inverses(jacobians: Sequence[Floats], smooth: Rows | None, least: float) -> list[Floats]:
+    """Return what turns each set's residuals, and those that were to be small besides, into a step (k,).
+
+    least: of `instrumental`.
+    """
     if smooth is not None:
         jacobians = [_below(jacobian, smooth[0]) for jacobian in jacobians]
+    n = len(jacobians)
+    return [instrumental(jacobians[i], jacobians[(i + 1) % n], least) for i in range(n)]
+
+
+def _step(residuals: Sequence[Floats], inverses: list[Floats], smooth: Rows | None = None) -> Floats:
+    """Return the step (k,) of a least-squares solver from an answer on, by sets of samples that it was not made of."""
+    left = [residual.ravel() for residual in residuals]
+    if smooth is not None:
         left = [np.concatenate([residual, smooth[1]]) for residual in left]
-    inverses = (instrumental(jacobians[i], jacobians[(i + 1) % n], AMBIGUOUS**-2) for i in range(n))
     return np.mean([inverse @ one for inverse, one in zip(inverses, left, strict=True)], axis=0)
 
 
@@ -246,17 +257,12 @@ def standard_errors(
     smooth: further residuals, of what was to be small besides. Of these S is the mean square of all: texels that no
     picture shows are as rough as the others, however smoothly they are filled.
     """
-    return np.sqrt(np.maximum(np.diag(_covariance(residuals, jacobians, sets, smooth)), 0))
+    return np.sqrt(np.maximum(np.diag(_covariance(residuals, _inverses(jacobians, smooth, TINY), sets, smooth)), 0))
 
 
-def _covariance(
-    residuals: Sequence[Floats], jacobians: Sequence[Floats], sets: int, smooth: Rows | None, least: float = TINY
-) -> Floats:
-    """Return the covariance (k, k) whose diagonal holds the squares of `standard_errors`. least: of `instrumental`."""
-    n, (channels, k) = len(residuals), jacobians[0].shape[-2:]
-    if smooth is not None:
-        jacobians = [_below(jacobian, smooth[0]) for jacobian in jacobians]
-    inverses, seen = [instrumental(jacobians[i], jacobians[(i + 1) % n], least) for i in range(n)], residuals[0].size
+def _covariance(residuals: Sequence[Floats], inverses: list[Floats], sets: int, smooth: Rows | None) -> Floats:
+    """Return the covariance (k, k) whose diagonal holds the squares of `standard_errors`."""
+    n, k, seen, channels = len(residuals), len(inverses[0]), residuals[0].size, residuals[0].shape[-1]
     steps = [inverse[:, :seen] * one.ravel() for inverse, one in zip(inverses, residuals, strict=True)]
     scores = np.stack([step.reshape(k, -1, channels).sum(axis=-1) for step in steps])
     mean = np.mean(scores, axis=0)
