@@ -22,7 +22,7 @@ from jaxrt.boundary.silhouettes import Rim, Silhouettes, aim_at, edge_table, rim
 from jaxrt.boundary.trail import central_ray, through_lens
 from jaxrt.cameras import edges_known
 from jaxrt.core.maths import dot, face_forward, normalize, reflect, safe_divide
-from jaxrt.core.pytree import pytree
+from jaxrt.core.pytree import pytree, where
 from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.core.samplers import Stream, independent
 from jaxrt.core.sampling import numbers_of_direction
@@ -287,12 +287,12 @@ def _radiance_from(
 
     def met(k: Array, walk: Walk) -> Hit:
         found = once(find)(tables.geometry, walk.ray, walk.alive)
-        return jax.tree.map(lambda a, b: jnp.where(k == first, a, b), hit, found)
+        return where(k == first, hit, found)
 
     def event(k: Array, walk: Walk) -> Walk:
         here = met(k, walk)
         there = once(surface_point)(tables.geometry, walk.ray, here)
-        there = jax.tree.map(lambda a, b: jnp.where(k == first, a, b), point, there)
+        there = where(k == first, point, there)
         return event_at(tables, walk, here, there, tuple(x.astype(ray.origin.dtype) for x in independent(stream, k)))
 
     walk = replace(walk_along(tables, ray, False), absorption=absorption)

@@ -9,7 +9,6 @@ from the camera at fixed random numbers, as inside of edges: so it moves with al
 from dataclasses import replace
 from functools import partial
 
-import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
@@ -30,7 +29,7 @@ from jaxrt.boundary.silhouettes import Rim, Silhouettes, bins_for, edge_table, r
 from jaxrt.boundary.trail import one_of, path_from, spheres_count, through_lens
 from jaxrt.cameras import edges_known
 from jaxrt.core.maths import cross, dot, normalize, safe_divide, safe_sqrt, unit_roundoff
-from jaxrt.core.pytree import pytree
+from jaxrt.core.pytree import pytree, where
 from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.core.samplers import independent
 from jaxrt.core.sampling import cone_of_sphere, pdf_cone, sample_cone, sample_uniform_sphere
@@ -145,7 +144,7 @@ def _sample(plan: Plan, blocked: bool, operands: CausticTables, draw: Draw) -> t
     if blocked:
         other = once(_past_outline)(operands, draw, placed)
         own = placed.bin < _rims(operands.tables)
-        light = jax.tree.map(lambda a, b: jnp.where(own, a, b), light, other)
+        light = where(own, light, other)
     return _followed(plan, operands, draw, light)
 
 

@@ -20,7 +20,7 @@ from jaxrt.boundary.silhouettes import Afar, Eye, Rim, Silhouettes, angular_leng
 from jaxrt.boundary.trail import through_lens
 from jaxrt.cameras import View, edges_known, projection
 from jaxrt.core.maths import dot, normalize, safe_divide, safe_sqrt
-from jaxrt.core.pytree import pytree
+from jaxrt.core.pytree import pytree, where
 from jaxrt.core.records import Hit, Ray, Smooth, SurfacePoint
 from jaxrt.core.samplers import independent
 from jaxrt.kernels.native import once
@@ -139,11 +139,11 @@ def both_sides(
     inside = outside = None
     if outlines.edges is not None:
         inside, outside = _at_edge(tables.geometry, outlines, row, rim, toward)
-        beyond = jax.tree.map(lambda a, b: jnp.where(outside[0], a, b), outside[1], beyond)
+        beyond = where(outside[0], outside[1], beyond)
     if outlines.spheres is not None:
         at_rim = _at_rim(tables.geometry, outlines, row, rim, toward, place)
         of_sphere = row < outlines.spheres_count
-        inside = at_rim if inside is None else jax.tree.map(lambda a, b: jnp.where(of_sphere, a, b), at_rim, inside)
+        inside = at_rim if inside is None else where(of_sphere, at_rim, inside)
     return jax.tree.map(lambda *x: jnp.stack(x), beyond, inside), ~hidden
 
 
@@ -205,7 +205,7 @@ def _radiance_from(plan: Plan, tables: Tables, draw: Draw, ray: Ray, hit: Hit, p
         here = once(find)(tables.geometry, walk.ray, walk.alive)
         there = once(surface_point)(tables.geometry, walk.ray, here)
         first = k == 1
-        here, there = jax.tree.map(lambda a, b: jnp.where(first, a, b), (hit, point), (here, there))
+        here, there = where(first, (hit, point), (here, there))
         u = tuple(x.astype(ray.origin.dtype) for x in independent(draw.stream, k))
         return event_at(tables, walk, here, there, u), None
 

@@ -17,7 +17,7 @@ from jaxrt.boundary.clearance import Bends, EdgeSamples, Path, Trail, Turn, View
 from jaxrt.boundary.guiding import LANES
 from jaxrt.cameras import Projection, View
 from jaxrt.core.maths import dot, face_forward, grad_only, normalize, safe_divide
-from jaxrt.core.pytree import pytree
+from jaxrt.core.pytree import pytree, where
 from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.core.samplers import LAST, Stream, independent
 from jaxrt.core.sampling import numbers_of_direction
@@ -211,8 +211,8 @@ def trail_of(tables: Tables, path: Path, shapes_move: bool = True) -> tuple[View
         trail, before = pull_ray(tables.geometry, tables.materials, turn, change)
         # What comes after is not on the way
         on_way = wanted & (k <= path.last)
-        factors = _where(on_way, trail, jax.tree.map(jnp.zeros_like, trail)) if shapes_move else None
-        return _where(on_way, before, change), factors
+        factors = where(on_way, trail, jax.tree.map(jnp.zeros_like, trail)) if shapes_move else None
+        return where(on_way, before, change), factors
 
     events = path.turns.index.shape[0]
     if events == 0:
@@ -312,7 +312,3 @@ def view_rays(tables: Tables, image: Array, change: Ray) -> ViewRays:
 def central_ray(camera: View, x: Array, y: Array) -> Ray:
     """Return the ray of a camera through an image point and one place of its lens."""
     return Ray(camera.start((x, y)), normalize(camera.toward((x, y))))
-
-
-def _where(use: Array, new: Any, old: Any) -> Any:
-    return jax.tree.map(lambda a, b: jnp.where(use, a, b), new, old)

@@ -16,6 +16,11 @@ def dtype_of(tree: Any) -> Any:
     return next((dtype for dtype in dtypes if jnp.issubdtype(dtype, jnp.floating)), jnp.dtype(jnp.float32))
 
 
+def where(use: Any, new: Any, old: Any) -> Any:
+    """Return the tree `new` where `use`, () bool, holds, else `old`, of the same structure."""
+    return jax.tree.map(lambda a, b: jnp.where(use, a, b), new, old)
+
+
 def static(**options: Any) -> Any:
     """Return a dataclass field that belongs to the pytree's structure: hashable, part of the jit key, no leaf."""
     return dataclasses.field(metadata={"static": True}, **options)

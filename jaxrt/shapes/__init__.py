@@ -8,12 +8,11 @@ Primitives are numbered: spheres, then sphere lights, then triangles.
 
 from dataclasses import replace
 
-import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.core.maths import FAR, dot, sign_or_one
-from jaxrt.core.pytree import pytree, static
+from jaxrt.core.pytree import pytree, static, where
 from jaxrt.core.records import Chart, Hit, Ray, Smooth, SurfacePoint
 from jaxrt.shapes.adjacency import mesh_edges
 from jaxrt.shapes.search.bvh import Survey, Topology, survey, topology_of
@@ -164,7 +163,7 @@ def _surface_point(geometry: Geometry, ray: Ray, hit: Hit) -> SurfacePoint:
         a = replace(a, smooth=Smooth(a.normal, a.position, jnp.ones_like(a.error)))
     if a.chart is not None or b.chart is not None:
         a, b = charted_as(a, b), charted_as(b, a)
-    return jax.tree.map(lambda x, y: jnp.where(on_sphere, x, y), a, b)
+    return where(on_sphere, a, b)
 
 
 def charted_as(point: SurfacePoint, other: SurfacePoint) -> SurfacePoint:

@@ -40,7 +40,7 @@ from jaxrt.boundary.shadows import Plan
 from jaxrt.boundary.trail import through_lens
 from jaxrt.cameras import View, edges_known
 from jaxrt.core.maths import safe_divide, unit_roundoff
-from jaxrt.core.pytree import pytree
+from jaxrt.core.pytree import pytree, where
 from jaxrt.core.records import Ray
 from jaxrt.core.samplers import Stream, independent
 from jaxrt.kernels.native import map_packets, on_devices, once
@@ -219,7 +219,7 @@ def _edge(plan: Plan, tables: Tables, line: Line, search: Search, looks: Look) -
     if lamp is not None:
         is_shadow = (event == length) & (looks.lit[0] != looks.lit[1])
         shadow_rays, lengths, blockers = lax.map(lambda chain: blocker(tables, chain, lamp, plan.max_depth), chains)
-        rays, met = jax.tree.map(lambda a, b: jnp.where(is_shadow, a, b), (shadow_rays, blockers), (rays, met))
+        rays, met = where(is_shadow, (shadow_rays, blockers), (rays, met))
         beyond = tuple(
             jax.tree.map(lambda x, y, i=i: jnp.where(is_shadow, y[i], x), ray, rays) for i, ray in enumerate(beyond)
         )

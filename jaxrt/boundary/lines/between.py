@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.core.maths import FAR, cross, dot, normalize, safe_divide, safe_sqrt
-from jaxrt.core.pytree import pytree
+from jaxrt.core.pytree import pytree, where
 from jaxrt.core.records import Hit, Ray
 from jaxrt.kernels.gather import take
 from jaxrt.kernels.native import once
@@ -84,7 +84,7 @@ def place_between(geometry: Geometry, rays: Ray, met: Array, margin: tuple[Ray, 
 
 
 def _either(crossing: Array, one: Place, other: Place) -> Place:
-    chosen: Place = jax.tree.map(lambda a, b: jnp.where(crossing, a, b), one, other)
+    chosen: Place = where(crossing, one, other)
     return chosen
 
 
@@ -121,7 +121,7 @@ def _outline(geometry: Geometry, rays: Ray, index: Array, valid: Array) -> Place
         found.append(_edge_place(take(geometry.triangles.corners, jnp.maximum(index - n, 0)), rays))
     position, aside, distance = found[0]
     if len(found) == 2:
-        position, aside, distance = jax.tree.map(lambda a, b: jnp.where(index < n, a, b), *found)
+        position, aside, distance = where(index < n, *found)
     valid = valid & (dot(aside, aside) > 0) & (distance > 0)
     nothing = jnp.zeros_like(aside)
     return Place(

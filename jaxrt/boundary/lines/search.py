@@ -8,7 +8,6 @@ below which no other hides it. A way that is tried one time in k counts k times.
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -29,13 +28,14 @@ from jaxrt.boundary.lines.looks import (
 )
 from jaxrt.boundary.shadows import Plan
 from jaxrt.boundary.trail import LENS
-from jaxrt.core.pytree import pytree
+from jaxrt.core.pytree import pytree, where
 from jaxrt.core.samplers import Stream
 from jaxrt.kernels.native import once
 from jaxrt.transport.path import Tables
 
 STEPS = 8  # parts of a line where chains are looked at; one where the camera's rays alone are
 LEVELS = 2  # intervals, each half of the one before, that are looked at in the middle
+INNER = 2 + LEVELS  # looks at such an interval's ends, and at the middles
 HALVINGS = 13  # of a part, until both ends see what lies on either side of one edge
 WITHIN = LENS + 1  # block of a sample's random numbers that choose these intervals
 
@@ -61,23 +61,22 @@ def search_along(plan: Plan, tables: Tables, line: Line, stream: Stream) -> Sear
     parts = STEPS if goes_on(plan, tables.materials) else 1
     part = jnp.floor(turns * parts)
     # Looks at the ends of one part, at the middles within, at the ends of all parts; then halvings
-    inner = 2 + LEVELS
-    scanned = inner + parts + 1
+    scanned = INNER + parts + 1
 
     def step(i: Array, search: Search) -> Search:
         number = i.astype(coins.dtype)
-        at_end = jnp.where(i < 2, part + number, number - inner) / parts
-        within = _where(i < inner, search.piece, search.ends)
+        at_end = jnp.where(i < 2, part + number, number - INNER) / parts
+        within = where(i < INNER, search.piece, search.ends)
         middle = (within[0].place + within[1].place) / 2
-        place = jnp.where((i < 2) | ((i >= inner) & (i < scanned)), at_end, middle)
+        place = jnp.where((i < 2) | ((i >= INNER) & (i < scanned)), at_end, middle)
         look = look_at(plan, tables, line, place, stream, None)
         lamp = search.lamp
         if lamp is not None:
             end = end_of(tables, look.chain)[0].position
-            lamp = _where(i == 0, once(lamp_for)(tables, end, numbers), lamp)
+            lamp = where(i == 0, once(lamp_for)(tables, end, numbers), lamp)
             look = replace(look, lit=is_lit(plan, tables, look.chain, lamp))
         found = once(partial(_found, plan, parts))(tables, line, search, look, i)
-        new = once(_where)(i < scanned, found, once(_halved)(search, look))
+        new = once(where)(i < scanned, found, once(_halved)(search, look))
         return replace(new, lamp=lamp)
 
     def blank() -> Search:
@@ -93,16 +92,16 @@ def search_along(plan: Plan, tables: Tables, line: Line, stream: Stream) -> Sear
 def _found(plan: Plan, parts: int, tables: Tables, line: Line, search: Search, look: Look, i: Array) -> Search:
     """Return the search with the piece that ends at this look taken or left, by its worth."""
     first, last = search.piece
-    inside, left = (i >= 2) & (i < 2 + LEVELS), search.turns < 0.5
-    half = _where(left, (first, look), (look, last))
-    piece = _where(inside, half, (last, look))
+    inside, left = (i >= 2) & (i < INNER), search.turns < 0.5
+    half = where(left, (first, look), (look, last))
+    piece = where(inside, half, (last, look))
     turns = jnp.where(inside, 2 * search.turns - jnp.where(left, 0, 1), search.turns)
     # Where the interval's ends differ, its halves are found by halving
     hidden = jnp.where(differs(first, last), 0, parts * 2.0 ** (i - 1).astype(turns.dtype))
-    times = jnp.where(inside, hidden, jnp.where(i > 2 + LEVELS, 1, 0))
+    times = jnp.where(inside, hidden, jnp.where(i > INNER, 1, 0))
     worth = once(partial(interest, plan))(tables, line, piece)
     taken, coins, total = one_of_both(search.coins, times * worth, search.total)
-    ends, worth = _where(taken, (piece, worth), (search.ends, search.worth))
+    ends, worth = where(taken, (piece, worth), (search.ends, search.worth))
     return Search(search.lamp, piece, ends, turns, coins, worth, total, search.odds)
 
 
@@ -113,9 +112,5 @@ def _halved(search: Search, look: Look) -> Search:
     tossed, heads = changes[0] & changes[1], search.coins < 0.5
     left = jnp.where(tossed, heads, changes[0])
     coins = jnp.where(tossed, 2 * search.coins - jnp.where(heads, 0, 1), search.coins)
-    ends = _where(left, first, look), _where(left, look, last)
+    ends = where(left, first, look), where(left, look, last)
     return replace(search, ends=ends, coins=coins, odds=jnp.where(tossed, 2, 1) * search.odds)
-
-
-def _where(use: Array, new: Any, old: Any) -> Any:
-    return jax.tree.map(lambda a, b: jnp.where(use, a, b), new, old)
