@@ -19,38 +19,34 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 from jax.extend.core import jaxpr_as_fun
-from jax.typing import DTypeLike
 
 from jaxrt.boundary.anchors import surface_anchors
 from jaxrt.boundary.clearance import EdgeSamples, LightPoints, Path, beside
-from jaxrt.boundary.guiding import LANES, Draw, Placed, one_of_both, place, sample_guided
-from jaxrt.boundary.lines.between import Place, distances, may_cross, place_between
-from jaxrt.boundary.lines.chains import (
-    ENDED,
-    MISSED,
-    Chain,
-    Lamp,
-    Numbers,
-    blocker,
-    chain_from,
-    end_of,
-    is_light,
-    lamp_for,
-    lamp_middle,
-    part_by_light,
-    sent_by,
+from jaxrt.boundary.guiding import Draw, Placed, one_of_both, place, sample_guided
+from jaxrt.boundary.lines.between import Place, place_between
+from jaxrt.boundary.lines.chains import ENDED, Lamp, Numbers, blocker, end_of, is_light, lamp_for, sent_by
+from jaxrt.boundary.lines.looks import (
+    Line,
+    Look,
+    differs,
+    goes_on,
+    has_shadows,
+    interest,
+    is_lit,
+    line_at,
+    look_at,
+    numbers_of,
+    ray_at,
 )
-from jaxrt.boundary.lines.lamps import shows_lamp
+from jaxrt.boundary.lines.promises import promises
 from jaxrt.boundary.shadows import Plan
-from jaxrt.boundary.trail import central_ray, through_lens
+from jaxrt.boundary.trail import through_lens
 from jaxrt.cameras import View, edges_known
-from jaxrt.core.maths import FAR, safe_divide, unit_roundoff
+from jaxrt.core.maths import safe_divide, unit_roundoff
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Ray
-from jaxrt.core.samplers import Stream, independent
-from jaxrt.kernels.native import map_packets, on_devices, once
-from jaxrt.lights import casters_of
-from jaxrt.materials import Materials
+from jaxrt.core.samplers import Stream
+from jaxrt.kernels.native import once
 from jaxrt.scene import Scene
 from jaxrt.transport.outputs import first_met
 from jaxrt.transport.path import Tables, radiance, tables_of
@@ -58,10 +54,8 @@ from jaxrt.transport.path import Tables, radiance, tables_of
 STEPS = 4  # parts of a line where chains are looked at; one where the camera's rays alone are
 HALVINGS = 14  # of a part, until both ends see what lies on either side of one edge
 ASIDE = 1e-3  # pixels: as near to its border no triangle is taken to cross another; what touches does not cross
-FAINT = 0.02  # weight of a difference that another sampler has, in all likelihood
-ELSEWHERE = 0.1  # share of the samples outside of where a look at the picture finds edges
 SHARE = 4  # one of so many boundary samples is a line: each costs as much as several others
-LIGHTS_ONLY = 16  # the same where lights alone move: they show, and cast shadows, in a small part of the picture
+LIGHTS_ONLY = 32  # the same where lights alone move: they show, and cast shadows, in a small part of the picture
 
 
 @pytree
@@ -70,23 +64,6 @@ class LineTables:
 
     tables: Tables
     faces: Array | None  # (n, 3) int32
-
-
-@pytree
-class Line:
-    """A line of one pixel's length in the picture."""
-
-    start: Array  # (2,) image point
-    along: Array  # (2,) one of the picture's axes
-
-
-@pytree
-class Look:
-    """What is seen at a place of a line."""
-
-    place: Array  # () on the line, in [0, 1]
-    chain: Chain
-    lit: Array  # () bool: the light's point is seen from its end
 
 
 @pytree
@@ -116,7 +93,7 @@ class Edge:
 
 def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
     """Return samples of what ends in the picture besides outlines: of all that moves, or of lights alone."""
-    delta = _goes_on(plan, scene.materials)
+    delta = goes_on(plan, scene.materials)
     shapes = sum(0 if x is None else x.material.shape[0] for x in (scene.spheres, scene.triangles))
     lights = 0 if scene.lights is None or scene.lights.radius is None else scene.lights.radius.shape[0]
     if not edges_known(scene.camera) or shapes + lights < 2 or not (plan.geometry_moves or (delta and scene.lights)):
@@ -125,7 +102,7 @@ def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]
     faces = scene.triangles.faces if scene.triangles is not None and plan.geometry_moves else None
     operands = LineTables(tables, faces)
     seed = seed ^ jnp.uint32(8)
-    weights = _weights(plan, tables, seed)
+    weights = promises(plan, tables, seed)
     n = plan.part(SHARE, LIGHTS_ONLY)
 
     def sampled(weights: Array) -> EdgeSamples:
@@ -140,107 +117,6 @@ def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]
     return (jax.tree.unflatten(jax.tree.structure(shapes), samples),)
 
 
-def _length(plan: Plan, tables: Tables) -> int:
-    """Return how many events a chain may have: after the last one, lights and skies are seen."""
-    return plan.max_depth + 1 if _goes_on(plan, tables.materials) else 1
-
-
-def _goes_on(plan: Plan, materials: Materials) -> bool:
-    """Return whether chains go on from what the camera's rays meet first."""
-    return materials.are_delta and not plan.outputs
-
-
-def _has_shadows(plan: Plan, tables: Tables) -> bool:
-    """Return whether lights of a place cast shadows at the end of chains."""
-    if tables.lights is None or not (_goes_on(plan, tables.materials) and tables.materials.are_lit):
-        return False
-    return casters_of(tables.lights.lights)[0].shape[0] > 0
-
-
-# Where they are
-
-
-def _weights(plan: Plan, tables: Tables, seed: Array) -> Array:
-    """Return weights (height · width,): pixels where something seems to end and their neighbours, then all others."""
-    width, height = tables.camera.width, tables.camera.height
-
-    def one_packet(operands: tuple[Tables, Array], packet: Array) -> Array:
-        tables, seed = operands
-        lanes = packet * LANES + jnp.arange(LANES, dtype=jnp.int32)
-        return jax.vmap(partial(_seems_to_end, plan, tables, seed))(lanes)
-
-    def on_device(operands: tuple[Tables, Array], packets: Array) -> Array:
-        return map_packets(one_packet, operands, packets[0])[None]
-
-    packets = -(-width * height // LANES)
-    found = on_devices(on_device, (tables, seed), packets, plan.devices)
-    found = jnp.swapaxes(found, 0, 1).reshape(-1)[: width * height].reshape(height, width)
-    around = lax.reduce_window(found, jnp.zeros((), found.dtype), lax.max, (3, 3), (1, 1), "SAME").ravel()
-    return around + ELSEWHERE / (1 - ELSEWHERE) * jnp.mean(around)
-
-
-def _seems_to_end(plan: Plan, tables: Tables, seed: Array, pixel: Array) -> Array:
-    """Return 1 where something seems to end within a pixel's width to the right or down, else 0."""
-    camera, dtype = tables.camera, tables.dtype
-    stream = Stream(jnp.uint32(0), pixel.astype(jnp.uint32), seed, jnp.uint32(camera.width * camera.height))
-    tables = through_lens(tables, stream)
-    shift = independent(Stream(jnp.uint32(0), jnp.uint32(0), seed, jnp.uint32(1)), 0)
-    corner = jnp.stack([pixel % camera.width, pixel // camera.width]).astype(dtype) + jnp.stack(shift[:2]).astype(dtype)
-    lamp = once(lamp_middle)(tables, _numbers(stream, dtype)(0)) if _has_shadows(plan, tables) else None
-
-    def look(i: Array) -> Look:
-        """Look here, one pixel to the right, or one down."""
-        return _look(plan, tables, _line(corner, i < 2), jnp.minimum(i, 1).astype(dtype), stream, lamp)
-
-    looks = lax.map(look, jnp.arange(3))
-
-    def ends(i: Array) -> Array:
-        pair = tuple(jax.tree.map(lambda x, k=k: x[k], looks) for k in (0, i))
-        return _interest(plan, tables, _line(corner, i < 2), pair) >= 1
-
-    found = jnp.any(lax.map(ends, jnp.arange(1, 3)))
-    if _goes_on(plan, tables.materials):
-        found = found | shows_lamp(tables, looks.chain)
-    return jnp.where(found, 1, 0).astype(dtype)
-
-
-def _numbers(stream: Stream, dtype: DTypeLike) -> Numbers:
-    def numbers(k: int | Array) -> tuple[Array, Array, Array, Array]:
-        a, b, c, d = (x.astype(dtype) for x in independent(stream, k))
-        return a, b, c, d
-
-    return numbers
-
-
-def _look(plan: Plan, tables: Tables, line: Line, place: Array, stream: Stream, lamp: Lamp | None) -> Look:
-    """Return what is seen at a place of a line."""
-    ray = once(_ray)(tables.camera, line, place)
-    chain = chain_from(tables, ray, _numbers(stream, place.dtype), _length(plan, tables))
-    return Look(place, chain, _is_lit(plan, tables, chain, lamp))
-
-
-def _is_lit(plan: Plan, tables: Tables, chain: Chain, lamp: Lamp | None) -> Array:
-    return jnp.ones((), bool) if lamp is None else blocker(tables, chain, lamp, plan.max_depth)[2] == MISSED
-
-
-def _differs(a: Look, b: Look) -> Array:
-    return jnp.any(a.chain.met != b.chain.met) | (a.lit != b.lit)
-
-
-def _interest(plan: Plan, tables: Tables, line: Line, looks: tuple[Look, Look]) -> Array:
-    """Return 0 where two looks are alike, 1 where they differ by what is sampled here, FAINT where hardly so."""
-    a, b = looks
-    pair = jnp.stack([a.chain.met[0], b.chain.met[0]])
-    rays = jax.vmap(partial(_ray, tables.camera, line))(jnp.stack([a.place, b.place]))
-    near, beyond = lax.map(lambda ray: distances(tables.geometry, ray, pair)[0], rays)
-    # Do they meet in between if they go on as they are?
-    meet = (near[0] < near[1]) & (near[1] < FAR) & (beyond[1] < beyond[0]) & (beyond[0] < FAR)
-    others = (pair[0] != pair[1]) & ~(meet & may_cross(tables.geometry, pair))
-    if not plan.geometry_moves:
-        others = others | ~part_by_light(tables, a.chain, b.chain)
-    return jnp.where(_differs(a, b), jnp.where(others, FAINT, 1), 0).astype(line.start.dtype)
-
-
 # Samples of them
 
 
@@ -249,12 +125,12 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, 
     tables = through_lens(operands.tables, draw.stream)
     camera = tables.camera
     placed = once(place)(draw)
-    line, numbers = _line_through(camera, placed), _numbers(draw.stream, placed.t.dtype)
+    line, numbers = _line_through(camera, placed), numbers_of(draw.stream, placed.t.dtype)
     search = _search(plan, tables, line, draw.stream)
     looks, lamp = jax.tree.map(lambda *x: jnp.stack(x), *search.ends), search.lamp
     edge = once(partial(_edge, plan))(tables, line, search, looks)
     # Both use the same random numbers, so that equal surfaces cancel
-    rays = jax.vmap(partial(_ray, camera, line))(looks.place)
+    rays = jax.vmap(partial(ray_at, camera, line))(looks.place)
     light = lax.map(partial(_seen, plan, tables, numbers), rays)
     jump = light[1] - light[0]
     if lamp is not None:
@@ -275,7 +151,7 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, 
     change = jax.tree.map(lambda x: jnp.where(seen, x, 0), edge.change)
     image = line.start + looks.place[0] * line.along
     turns = search.ends[0].chain.turns
-    if not _goes_on(plan, tables.materials):
+    if not goes_on(plan, tables.materials):
         turns = jax.tree.map(lambda x: x[:0], turns)
     path = Path(turns, edge.event, change, image, line.along, camera.lens)
     seen_at = beside(image[None], plan.filter)
@@ -305,7 +181,7 @@ def _edge(plan: Plan, tables: Tables, line: Line, search: Search, looks: Look) -
     valid = (event < length) & jnp.all(met != ENDED)
     is_shadow = jnp.zeros((), bool)
     own = ASIDE + 16 * unit_roundoff(line.start) * tables.camera.width
-    margin = tuple(_ray(tables.camera, line, s) for s in (looks.place[0] - own, looks.place[1] + own))
+    margin = tuple(ray_at(tables.camera, line, s) for s in (looks.place[0] - own, looks.place[1] + own))
     beyond = tuple(
         jax.tree.map(lambda x, y, i=i: jnp.where(event == 0, x, y[i]), ray, rays) for i, ray in enumerate(margin)
     )
@@ -328,48 +204,39 @@ def _edge(plan: Plan, tables: Tables, line: Line, search: Search, looks: Look) -
     return Edge(found, change, jnp.where(is_shadow, chains.last[0], event - 1), share * found.aside, is_shadow, valid)
 
 
-def _line(start: Array, across: Array) -> Line:
-    one, nothing = jnp.ones_like(start[0]), jnp.zeros_like(start[0])
-    return Line(start, jnp.where(across, jnp.stack([one, nothing]), jnp.stack([nothing, one])))
-
-
 def _line_through(camera: View, placed: Placed) -> Line:
     """Return a line through a pixel, at a place that is spread evenly: half of them run along, half down."""
     t = placed.t
     across = t < 0.5
     offset, nothing = jnp.where(across, 2 * t, 2 * t - 1), jnp.zeros_like(t)
     corner = jnp.stack([placed.bin % camera.width, placed.bin // camera.width]).astype(t.dtype)
-    return _line(corner + jnp.where(across, jnp.stack([nothing, offset]), jnp.stack([offset, nothing])), across)
-
-
-def _ray(camera: View, line: Line, s: Array) -> Ray:
-    image = line.start + s * line.along
-    return central_ray(camera, image[0], image[1])
+    return line_at(corner + jnp.where(across, jnp.stack([nothing, offset]), jnp.stack([offset, nothing])), across)
 
 
 def _search(plan: Plan, tables: Tables, line: Line, stream: Stream) -> Search:
     """Return two places of a line that differ and are close: of several such pairs one by chance."""
-    numbers = _numbers(stream, line.start.dtype)(0)
+    chain_numbers = numbers_of(stream, line.start.dtype)
+    numbers = chain_numbers(0)
     coins = numbers[0]
-    steps = STEPS if _goes_on(plan, tables.materials) else 1
+    steps = STEPS if goes_on(plan, tables.materials) else 1
 
     def step(i: Array, search: Search) -> Search:
         scanned = i <= steps
         low, high = (look.place for look in search.ends)
         place = jnp.where(scanned, i.astype(coins.dtype) / steps, (low + high) / 2)
-        look = _look(plan, tables, line, place, stream, None)
+        look = look_at(plan, tables, line, place, chain_numbers)
         lamp = search.lamp
         if lamp is not None:
             end = end_of(tables, look.chain)[0].position
             lamp = _where(i == 0, once(lamp_for)(tables, end, numbers), lamp)
-            look = replace(look, lit=_is_lit(plan, tables, look.chain, lamp))
+            look = replace(look, lit=is_lit(plan, tables, look.chain, lamp))
         chosen = once(partial(_chosen, plan))(tables, line, search, look, i > 0)
         new = once(_where)(scanned, chosen, once(_halved)(search, look))
         return replace(new, lamp=lamp)
 
     def blank() -> Search:
-        look = _look(plan, tables, line, coins, stream, None)
-        lamp = lamp_for(tables, look.chain.weight, numbers) if _has_shadows(plan, tables) else None
+        look = look_at(plan, tables, line, coins, chain_numbers)
+        lamp = lamp_for(tables, look.chain.weight, numbers) if has_shadows(plan, tables) else None
         return Search(lamp, look, (look, look), coins, coins, coins, coins)
 
     nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(blank))
@@ -379,7 +246,7 @@ def _search(plan: Plan, tables: Tables, line: Line, stream: Stream) -> Search:
 
 def _chosen(plan: Plan, tables: Tables, line: Line, search: Search, look: Look, is_second: Array) -> Search:
     """Return the search with the piece from the last look to this one taken or left, by their worth."""
-    worth = jnp.where(is_second, once(partial(_interest, plan))(tables, line, (search.last, look)), 0)
+    worth = jnp.where(is_second, once(partial(interest, plan))(tables, line, (search.last, look)), 0)
     taken, coins, total = one_of_both(search.coins, worth, search.total)
     ends = _where(taken, (search.last, look), search.ends)
     return Search(search.lamp, look, ends, coins, jnp.where(taken, worth, search.worth), total, search.odds)
@@ -388,7 +255,7 @@ def _chosen(plan: Plan, tables: Tables, line: Line, search: Search, look: Look, 
 def _halved(search: Search, look: Look) -> Search:
     """Return the search with the half that differs: of two such one by chance."""
     first, last = search.ends
-    changes = _differs(first, look), _differs(look, last)
+    changes = differs(first, look), differs(look, last)
     tossed, heads = changes[0] & changes[1], search.coins < 0.5
     left = jnp.where(tossed, heads, changes[0])
     coins = jnp.where(tossed, 2 * search.coins - jnp.where(heads, 0, 1), search.coins)
