@@ -20,21 +20,18 @@ from jax.extend.core import jaxpr_as_fun
 
 from jaxrt.boundary.anchors import surface_anchors
 from jaxrt.boundary.clearance import EdgeSamples, LightPoints, Path, beside
-from jaxrt.boundary.guiding import LANES, Draw, Placed, place, sample_guided
+from jaxrt.boundary.guiding import Draw, Placed, place, sample_guided
 from jaxrt.boundary.lines.between import Place, place_between
-from jaxrt.boundary.lines.chains import ENDED, Numbers, blocker, is_light, lamp_middle, sent_by
-from jaxrt.boundary.lines.lamps import shows_lamp
+from jaxrt.boundary.lines.chains import ENDED, Numbers, blocker, is_light, sent_by
 from jaxrt.boundary.lines.looks import (
     Line,
     Look,
     goes_on,
-    has_shadows,
-    interest,
     line_at,
-    look_at,
     numbers_of,
     ray_at,
 )
+from jaxrt.boundary.lines.promises import promises
 from jaxrt.boundary.lines.search import Search, search_along
 from jaxrt.boundary.shadows import Plan
 from jaxrt.boundary.trail import through_lens
@@ -42,16 +39,14 @@ from jaxrt.cameras import View, edges_known
 from jaxrt.core.maths import safe_divide, unit_roundoff
 from jaxrt.core.pytree import pytree, where
 from jaxrt.core.records import Ray
-from jaxrt.core.samplers import Stream, independent
-from jaxrt.kernels.native import map_packets, on_devices, once
+from jaxrt.kernels.native import once
 from jaxrt.scene import Scene
 from jaxrt.transport.outputs import first_met
 from jaxrt.transport.path import Tables, radiance, tables_of
 
 ASIDE = 1e-3  # pixels: as near to its border no triangle is taken to cross another; what touches does not cross
-ELSEWHERE = 0.1  # share of the samples outside of where a look at the picture finds edges
 SHARE = 4  # one of so many boundary samples is a line: each costs as much as several others
-LIGHTS_ONLY = 16  # the same where lights alone move: they show, and cast shadows, in a small part of the picture
+LIGHTS_ONLY = 32  # the same where lights alone move: they show, and cast shadows, in a small part of the picture
 
 
 @pytree
@@ -85,7 +80,7 @@ def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]
     faces = scene.triangles.faces if scene.triangles is not None and plan.geometry_moves else None
     operands = LineTables(tables, faces)
     seed = seed ^ jnp.uint32(8)
-    weights = _weights(plan, tables, seed)
+    weights = promises(plan, tables, seed)
     n = plan.part(SHARE, LIGHTS_ONLY)
 
     def sampled(weights: Array) -> EdgeSamples:
@@ -98,53 +93,6 @@ def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]
     # Where a look at the picture finds nothing, samples would cost much more than it
     samples = lax.cond(jnp.any(weights > 0), jaxpr_as_fun(program), lambda _: nothing, weights)
     return (jax.tree.unflatten(jax.tree.structure(shapes), samples),)
-
-
-# Where they are
-
-
-def _weights(plan: Plan, tables: Tables, seed: Array) -> Array:
-    """Return weights (height · width,): pixels where something seems to end and their neighbours, then all others."""
-    width, height = tables.camera.width, tables.camera.height
-
-    def one_packet(operands: tuple[Tables, Array], packet: Array) -> Array:
-        tables, seed = operands
-        lanes = packet * LANES + jnp.arange(LANES, dtype=jnp.int32)
-        return jax.vmap(partial(_seems_to_end, plan, tables, seed))(lanes)
-
-    def on_device(operands: tuple[Tables, Array], packets: Array) -> Array:
-        return map_packets(one_packet, operands, packets[0])[None]
-
-    packets = -(-width * height // LANES)
-    found = on_devices(on_device, (tables, seed), packets, plan.devices)
-    found = jnp.swapaxes(found, 0, 1).reshape(-1)[: width * height].reshape(height, width)
-    around = lax.reduce_window(found, jnp.zeros((), found.dtype), lax.max, (3, 3), (1, 1), "SAME").ravel()
-    return around + ELSEWHERE / (1 - ELSEWHERE) * jnp.mean(around)
-
-
-def _seems_to_end(plan: Plan, tables: Tables, seed: Array, pixel: Array) -> Array:
-    """Return 1 where something seems to end within a pixel's width to the right or down, else 0."""
-    camera, dtype = tables.camera, tables.dtype
-    stream = Stream(jnp.uint32(0), pixel.astype(jnp.uint32), seed, jnp.uint32(camera.width * camera.height))
-    tables = through_lens(tables, stream)
-    shift = independent(Stream(jnp.uint32(0), jnp.uint32(0), seed, jnp.uint32(1)), 0)
-    corner = jnp.stack([pixel % camera.width, pixel // camera.width]).astype(dtype) + jnp.stack(shift[:2]).astype(dtype)
-    lamp = once(lamp_middle)(tables, numbers_of(stream, dtype)(0)) if has_shadows(plan, tables) else None
-
-    def look(i: Array) -> Look:
-        """Look here, one pixel to the right, or one down."""
-        return look_at(plan, tables, line_at(corner, i < 2), jnp.minimum(i, 1).astype(dtype), stream, lamp)
-
-    looks = lax.map(look, jnp.arange(3))
-
-    def ends(i: Array) -> Array:
-        pair = tuple(jax.tree.map(lambda x, k=k: x[k], looks) for k in (0, i))
-        return interest(plan, tables, line_at(corner, i < 2), pair) >= 1
-
-    found = jnp.any(lax.map(ends, jnp.arange(1, 3)))
-    if goes_on(plan, tables.materials):
-        found = found | shows_lamp(tables, looks.chain)
-    return jnp.where(found, 1, 0).astype(dtype)
 
 
 # Samples of them

@@ -56,7 +56,8 @@ class Search:
 
 def search_along(plan: Plan, tables: Tables, line: Line, stream: Stream) -> Search:
     """Return two places of a line that differ and are close: of several such pairs one by chance."""
-    numbers, (turns, *_) = (numbers_of(stream, line.start.dtype)(k) for k in (0, WITHIN))
+    of_chain = numbers_of(stream, line.start.dtype)
+    numbers, (turns, *_) = of_chain(0), of_chain(WITHIN)
     coins = numbers[0]
     parts = STEPS if goes_on(plan, tables.materials) else 1
     part = jnp.floor(turns * parts)
@@ -69,7 +70,7 @@ def search_along(plan: Plan, tables: Tables, line: Line, stream: Stream) -> Sear
         within = where(i < INNER, search.piece, search.ends)
         middle = (within[0].place + within[1].place) / 2
         place = jnp.where((i < 2) | ((i >= INNER) & (i < scanned)), at_end, middle)
-        look = look_at(plan, tables, line, place, stream, None)
+        look = look_at(plan, tables, line, place, of_chain)
         lamp = search.lamp
         if lamp is not None:
             end = end_of(tables, look.chain)[0].position
@@ -80,7 +81,7 @@ def search_along(plan: Plan, tables: Tables, line: Line, stream: Stream) -> Sear
         return replace(new, lamp=lamp)
 
     def blank() -> Search:
-        look = look_at(plan, tables, line, coins, stream, None)
+        look = look_at(plan, tables, line, coins, of_chain)
         lamp = lamp_for(tables, look.chain.weight, numbers) if has_shadows(plan, tables) else None
         return Search(lamp, (look, look), (look, look), coins, coins, coins, coins, coins)
 
