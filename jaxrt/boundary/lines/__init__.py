@@ -20,22 +20,24 @@ from jax.extend.core import jaxpr_as_fun
 
 from jaxrt.boundary.anchors import surface_anchors
 from jaxrt.boundary.clearance import EdgeSamples, LightPoints, Path, beside
-from jaxrt.boundary.guiding import Draw, Placed, place, sample_guided
+from jaxrt.boundary.guiding import LANES, Draw, Guide, guide_of, place, sample_evenly
 from jaxrt.boundary.lines.between import Place, place_between
+from jaxrt.boundary.lines.candidates import HIDDEN, RATIO, Candidate, candidate, choices
 from jaxrt.boundary.lines.chains import ENDED, Numbers, blocker, is_light, sent_by
 from jaxrt.boundary.lines.looks import (
+    WITHIN,
     Line,
     Look,
     goes_on,
-    line_at,
+    line_through,
     numbers_of,
     ray_at,
 )
 from jaxrt.boundary.lines.promises import promises
-from jaxrt.boundary.lines.search import Search, search_along
+from jaxrt.boundary.lines.search import Chosen, Search, search_along
 from jaxrt.boundary.shadows import Plan
 from jaxrt.boundary.trail import through_lens
-from jaxrt.cameras import View, edges_known
+from jaxrt.cameras import edges_known
 from jaxrt.core.maths import safe_divide, unit_roundoff
 from jaxrt.core.pytree import pytree, where
 from jaxrt.core.records import Ray
@@ -45,8 +47,8 @@ from jaxrt.transport.outputs import first_met
 from jaxrt.transport.path import Tables, radiance, tables_of
 
 ASIDE = 1e-3  # pixels: as near to its border no triangle is taken to cross another; what touches does not cross
-SHARE = 4  # one of so many boundary samples is a line: each costs as much as several others
-LIGHTS_ONLY = 32  # the same where lights alone move: they show, and cast shadows, in a small part of the picture
+SHARE = 8  # one of so many boundary samples is a line: each costs as much as several others
+LIGHTS_ONLY = 128  # the same where lights alone move: they show, and cast shadows, in a small part of the picture
 
 
 @pytree
@@ -55,6 +57,9 @@ class LineTables:
 
     tables: Tables
     faces: Array | None  # (n, 3) int32
+    pixels: Guide  # to candidates
+    chosen: Chosen  # (count,) pieces of these
+    seed: Array
 
 
 @pytree
@@ -78,33 +83,44 @@ def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]
         return ()
     tables = tables_of(scene)
     faces = scene.triangles.faces if scene.triangles is not None and plan.geometry_moves else None
-    operands = LineTables(tables, faces)
     seed = seed ^ jnp.uint32(8)
-    weights = promises(plan, tables, seed)
     n = plan.part(SHARE, LIGHTS_ONLY)
+    promised = promises(plan, tables, seed)
 
-    def sampled(weights: Array) -> EdgeSamples:
-        found: EdgeSamples = sample_guided(partial(_sample, plan), operands, weights, n, seed, plan.devices)
+    def sampled(promised: Array) -> EdgeSamples:
+        pixels = guide_of(promised)
+        chosen, lines = choices(plan, tables, pixels, -(-RATIO * n // LANES) * LANES, seed)
+        hidden = HIDDEN / (1 - HIDDEN) * jnp.maximum(jnp.sum(lines), 1)
+        weights = jnp.concatenate([lines, hidden * jnp.diff(pixels.cumulative, prepend=0)])
+        operands = LineTables(tables, faces, pixels, chosen, seed)
+        found: EdgeSamples = sample_evenly(partial(_sample, plan), operands, weights, n, seed, plan.devices)
         return found
 
     # Traced once, for its shapes and for itself
-    program, shapes = jax.make_jaxpr(sampled, return_shape=True)(weights)
+    program, shapes = jax.make_jaxpr(sampled, return_shape=True)(promised)
     nothing = [jnp.zeros(x.shape, x.dtype) for x in program.out_avals]
     # Where a look at the picture finds nothing, samples would cost much more than it
-    samples = lax.cond(jnp.any(weights > 0), jaxpr_as_fun(program), lambda _: nothing, weights)
+    samples = lax.cond(jnp.any(promised > 0), jaxpr_as_fun(program), lambda _: nothing, promised)
     return (jax.tree.unflatten(jax.tree.structure(shapes), samples),)
 
 
 # Samples of them
 
 
-def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, Array]:
-    """Return one sample, and what it brings."""
-    tables = through_lens(operands.tables, draw.stream)
-    camera = tables.camera
-    placed = once(place)(draw)
-    line, numbers = _line_through(camera, placed), numbers_of(draw.stream, placed.t.dtype)
-    search = search_along(plan, tables, line, draw.stream)
+def _sample(plan: Plan, operands: LineTables, draw: Draw) -> EdgeSamples:
+    """Return one sample."""
+    camera, placed = operands.tables.camera, once(place)(draw)
+    count, pixels = operands.chosen.piece.shape[0], camera.width * camera.height
+    # The bins are candidates, then pixels, in which lines are new
+    given, rest = placed.bin < count, placed.bin - count
+    new = Candidate(line_through(camera, rest, placed.t), draw.stream, rest, jnp.ones_like(placed.t) / 2)
+    old = candidate(operands.tables, operands.pixels, placed.bin, count, operands.seed)
+    line, stream, pixel, density = where(given, old, new)
+    density = density * placed.density * draw.total
+    chosen = jax.tree.map(lambda x: jnp.where(given, x[jnp.minimum(placed.bin, count - 1)], 0), operands.chosen)
+    tables = through_lens(operands.tables, stream)
+    numbers, coins = numbers_of(stream, tables.dtype), numbers_of(draw.stream, tables.dtype)(WITHIN)[:2]
+    search = search_along(plan, tables, line, numbers, coins, chosen)
     looks, lamp = jax.tree.map(lambda *x: jnp.stack(x), *search.ends), search.lamp
     edge = once(partial(_edge, plan))(tables, line, search, looks)
     # Both use the same random numbers, so that equal surfaces cancel
@@ -114,11 +130,10 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, 
     if lamp is not None:
         sent = once(sent_by)(tables, search.ends[0].chain, lamp)
         jump = jnp.where(edge.is_shadow, jnp.where(looks.lit[1], sent, -sent), jump)
-    density = placed.density * draw.total / 2
     seen = edge.valid & (density > 0)
     odds = search.odds * safe_divide(search.total, search.worth)
     weight = jnp.where(seen, jump * safe_divide(odds, density), 0)
-    pixel = jnp.where(seen, placed.bin, camera.width * camera.height)
+    pixel = jnp.where(seen, pixel, pixels)
     # How it moves
     anchors = []
     for i in range(2):
@@ -133,8 +148,7 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, 
         turns = jax.tree.map(lambda x: x[:0], turns)
     path = Path(turns, edge.event, change, image, line.along, camera.lens)
     seen_at = beside(image[None], plan.filter)
-    samples = EdgeSamples(pixel[None], weight[None], lights, None, tuple(anchors), path=path, place=seen_at)
-    return samples, jnp.sum(jnp.abs(weight))
+    return EdgeSamples(pixel[None], weight[None], lights, None, tuple(anchors), path=path, place=seen_at)
 
 
 def _seen(plan: Plan, tables: Tables, numbers: Numbers, ray: Ray) -> Array:
@@ -180,12 +194,3 @@ def _edge(plan: Plan, tables: Tables, line: Line, search: Search, looks: Look) -
     if not plan.geometry_moves:
         valid = valid & (is_shadow | jnp.any(is_light(tables, met)))
     return Edge(found, change, jnp.where(is_shadow, chains.last[0], event - 1), share * found.aside, is_shadow, valid)
-
-
-def _line_through(camera: View, placed: Placed) -> Line:
-    """Return a line through a pixel, at a place that is spread evenly: half of them run along, half down."""
-    t = placed.t
-    across = t < 0.5
-    offset, nothing = jnp.where(across, 2 * t, 2 * t - 1), jnp.zeros_like(t)
-    corner = jnp.stack([placed.bin % camera.width, placed.bin // camera.width]).astype(t.dtype)
-    return line_at(corner + jnp.where(across, jnp.stack([nothing, offset]), jnp.stack([offset, nothing])), across)

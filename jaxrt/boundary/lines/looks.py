@@ -10,7 +10,7 @@ from jax.typing import DTypeLike
 from jaxrt.boundary.lines.between import distances, may_cross
 from jaxrt.boundary.lines.chains import MISSED, Chain, Lamp, Numbers, blocker, chain_from, part_by_light
 from jaxrt.boundary.shadows import Plan
-from jaxrt.boundary.trail import central_ray
+from jaxrt.boundary.trail import LENS, central_ray
 from jaxrt.cameras import View
 from jaxrt.core.maths import FAR
 from jaxrt.core.pytree import pytree
@@ -22,6 +22,8 @@ from jaxrt.lights import casters_of
 from jaxrt.materials import Materials
 from jaxrt.transport.path import Tables
 
+WITHIN = LENS + 1  # block of random numbers that choose a place, and where to look next
+DIM = 0.1  # where lights alone move, weight of the edges of shadows: lights that are seen are as much brighter
 FAINT = 0.02  # weight of a difference that another sampler has, in all likelihood
 
 
@@ -98,7 +100,8 @@ def interest(plan: Plan, tables: Tables, line: Line, looks: tuple[Look, Look]) -
         others = (pair[0] != pair[1]) & ~(meet & may_cross(tables.geometry, pair))
         if not plan.geometry_moves:
             others = others | ~part_by_light(tables, a.chain, b.chain)
-        return jnp.where(others, FAINT, 1).astype(line.start.dtype)
+        plain = jnp.where(plan.geometry_moves | jnp.any(a.chain.met != b.chain.met), 1, DIM)
+        return jnp.where(others, FAINT, plain).astype(line.start.dtype)
 
     apart = differs(*looks)
     found = where_any(apart, worth, lambda _, line, looks: jnp.zeros_like(line.start[0]), tables, line, looks)
@@ -109,6 +112,14 @@ def line_at(start: Array, across: Array) -> Line:
     """Return the line from an image point, `across` to the right, else down."""
     one, nothing = jnp.ones_like(start[0]), jnp.zeros_like(start[0])
     return Line(start, jnp.where(across, jnp.stack([one, nothing]), jnp.stack([nothing, one])))
+
+
+def line_through(camera: View, pixel: Array, t: Array) -> Line:
+    """Return a line through a pixel, at a place spread evenly by t in [0, 1): half of them run along, half down."""
+    across = t < 0.5
+    offset, nothing = jnp.where(across, 2 * t, 2 * t - 1), jnp.zeros_like(t)
+    corner = jnp.stack([pixel % camera.width, pixel // camera.width]).astype(t.dtype)
+    return line_at(corner + jnp.where(across, jnp.stack([nothing, offset]), jnp.stack([offset, nothing])), across)
 
 
 def ray_at(camera: View, line: Line, s: Array) -> Ray:

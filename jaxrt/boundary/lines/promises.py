@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.boundary.lines.chains import Lamp, Numbers, lamp_middle, part_by_light
+from jaxrt.boundary.lines.chains import Lamp, Numbers, lamp_middle
 from jaxrt.boundary.lines.lamps import shows_lamp
-from jaxrt.boundary.lines.looks import Look, goes_on, has_shadows, interest, is_lit, line_at, look_at, numbers_of
+from jaxrt.boundary.lines.looks import FAINT, Look, goes_on, has_shadows, interest, is_lit, line_at, look_at, numbers_of
 from jaxrt.boundary.shadows import Plan
 from jaxrt.boundary.trail import through_lens
 from jaxrt.core.samplers import LAST, Stream
@@ -24,7 +24,6 @@ from jaxrt.transport.path import Tables
 
 TILE = (8, 16)  # corners, along and across, that are looked at together
 ELSEWHERE = 0.1  # share of the samples outside of where a look at the picture finds edges
-DIM = 0.1  # where lights alone move, weight of the edges of shadows: lights that are seen are as much brighter
 SELDOM = 0.3  # weight of what glass reflects
 LAMPS = 4  # whose shadows are looked for, of all
 
@@ -107,7 +106,7 @@ def _look(plan: Plan, tables: Tables, numbers: Numbers, lamps: Lamp | None, corn
 
 
 def _compared(plan: Plan, tables: Tables, corners: Array, looks: Look) -> Array:
-    """Return for pixels (rows, columns) 1 or DIM where something seems to end between their corners, else 0."""
+    """Return for pixels (rows, columns) what is promised where something seems to end between their corners, else 0."""
     places = jnp.arange(TILE[0] * TILE[1]).reshape(TILE)
     # Those at the tile's border are compared with themselves
     right = jnp.minimum(places + 1, places[:, -1:])
@@ -121,9 +120,8 @@ def _compared(plan: Plan, tables: Tables, corners: Array, looks: Look) -> Array:
     def ends(others: Look, across: Array) -> Array:
         def one(corner: Array, look: Look, other: Look) -> Array:
             pair = look, Look(jnp.ones_like(look.place), other.chain, other.lit)
-            seen = jnp.any(look.chain.met != other.chain.met) & part_by_light(tables, look.chain, other.chain)
-            found = interest(plan, tables, line_at(corner, across), pair) >= 1
-            return jnp.where(found, jnp.where(seen | plan.geometry_moves, 1, DIM), 0).astype(corner.dtype)
+            found = interest(plan, tables, line_at(corner, across), pair)
+            return jnp.where(found > FAINT, found, 0)
 
         return jax.vmap(one)(corners, looks, others).reshape(TILE)
 
