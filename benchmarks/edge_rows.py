@@ -205,11 +205,22 @@ def _digest(row: Row) -> str:
     return hashlib.sha256(json.dumps(of).encode()).hexdigest()[:24]
 
 
+def truncation(near: Values, wide: Values) -> tuple[float, float]:
+    """Return what a step is too long by the change of one twice as long, a third of it, and this figure's noise."""
+    changes = (wide - near[:: len(near) // len(wide)]) / 3
+    return float(np.linalg.norm(changes.mean(0))), noise_of(changes) if len(changes) > 1 else np.inf
+
+
 def _wants_more(row: Row, found: Reference) -> bool:
     if len(found.near) < FD_BATCH:
         return True
-    values = bumps(found.near)
-    return noise_of(values) > row.bound / 6 * np.linalg.norm(values.mean(0))
+    near, wide = bumps(found.near), bumps(found.wide)
+    size = float(np.linalg.norm(near.mean(0)))
+    if noise_of(near) > row.bound / 6 * size:
+        return True
+    # A fourth of the keys say what the step is too long: more of them where that may be their noise
+    step, noise = truncation(near, wide)
+    return step > row.bound / 5 * size > step - 3 * noise
 
 
 def result(row: Row, reference: Reference, found: Pictures, seconds: float) -> Result:
@@ -223,7 +234,6 @@ def result(row: Row, reference: Reference, found: Pictures, seconds: float) -> R
         )
         truth = np.ones(1)
     size = float(np.linalg.norm(truth))
-    keys = len(near) // len(wide)
 
     def off(values: Values, other: np.ndarray) -> float:
         return float(np.linalg.norm(values.mean(0) - other)) / size
@@ -233,7 +243,7 @@ def result(row: Row, reference: Reference, found: Pictures, seconds: float) -> R
         error=off(estimates, truth),
         noise=noise_of(estimates) / size,
         fd_noise=noise_of(near) / size,
-        step=off(wide, near[::keys].mean(0)) / 3,
+        step=truncation(near, wide)[0] / size,
         interior=off(interior, truth),
         seeds=len(estimates),
         keys=len(near),
