@@ -2,7 +2,8 @@
 
 All figures are relative L2 distances of the functionals' means over independent seeds. The estimate's own noise and
 that of the finite differences are standard errors of these means; seeds are added until both are small beside the
-row's bound. `step` is what steps twice as long say of the truncation: a third of how far they are away.
+row's bound: those of edges, and those inside of them, each as their own noise wants. `step` is what steps twice as long
+say of the truncation: a third of how far they are away.
 """
 
 import hashlib
@@ -26,6 +27,7 @@ from jaxrt.scene.measures import moves_lamps
 SPP = 64  # of the estimate
 FD_BATCH, FD_FIRST = 4, 100_000  # keys of the finite differences: so many at a time, and the first
 INTERIOR_SPP, INTERIOR_SEEDS = 1024, 4
+INSIDE, INSIDE_FIRST = 32, 1_000_000  # seeds inside of edges: so many for one of edges at most, and the first
 WIDTH = 1 / 8  # of a functional's Gaussian, in pictures
 # 1 − (r/h)² is the light of a white plane under a black ball
 CLOSED_FORMS = {"plane under a black ball, height": 2 * 0.5**2 / 1.2**3}
@@ -48,10 +50,11 @@ class Result(NamedTuple):
     row: Row
     error: float
     noise: float
+    noises: tuple[float, float]  # that of edges, and that inside of them
     fd_noise: float
     step: float
     interior: float
-    seeds: int
+    seeds: tuple[int, int]  # of edges, and inside of them
     keys: int
     second: float  # the estimate's noise after one CPU second
     pictures: tuple[np.ndarray, np.ndarray, np.ndarray]  # finite differences, without edges, with edges
@@ -132,7 +135,7 @@ def _of_lights(row: Row) -> bool:
     return moves_lamps(row.parameter.split("[")[0])
 
 
-def derivatives(row: Row, samples: int, spp: int = SPP) -> Iterator[np.ndarray]:
+def derivatives(row: Row, samples: int, spp: int = SPP, first: int = 0) -> Iterator[np.ndarray]:
     """Yield the derivative of seed after seed, by a program for all that moves in the scene, or all its lights."""
     names = {row.parameter}
     for other in rows():
@@ -142,7 +145,7 @@ def derivatives(row: Row, samples: int, spp: int = SPP) -> Iterator[np.ndarray]:
     scene = built(row)
     changes = {name: jnp.zeros_like(jaxrt.parameters(scene, name)) for name in names}
     changes[row.parameter] = direction(row, scene)
-    for seed in range(2**31):
+    for seed in range(first, 2**31):
         yield np.asarray(program(changes, jnp.uint32(seed)))
 
 
@@ -205,52 +208,97 @@ def _digest(row: Row) -> str:
     return hashlib.sha256(json.dumps(of).encode()).hexdigest()[:24]
 
 
+def truncation(near: Values, wide: Values) -> tuple[float, float]:
+    """Return what a step is too long by the change of one twice as long, a third of it, and this figure's noise."""
+    changes = (wide - near[:: len(near) // len(wide)]) / 3
+    return float(np.linalg.norm(changes.mean(0))), noise_of(changes) if len(changes) > 1 else np.inf
+
+
 def _wants_more(row: Row, found: Reference) -> bool:
     if len(found.near) < FD_BATCH:
         return True
-    values = bumps(found.near)
-    return noise_of(values) > row.bound / 6 * np.linalg.norm(values.mean(0))
+    near, wide = bumps(found.near), bumps(found.wide)
+    size = float(np.linalg.norm(near.mean(0)))
+    if noise_of(near) > row.bound / 6 * size:
+        return True
+    # A fourth of the keys say what the step is too long: more of them where that may be their noise
+    step, noise = truncation(near, wide)
+    return step > row.bound / 5 * size > step - 3 * noise
 
 
-def result(row: Row, reference: Reference, found: Pictures, seconds: float) -> Result:
-    """Return the figures of a row. seconds: of CPU time, that one seed takes."""
-    near, wide, interior, estimates = (bumps(pictures) for pictures in (*reference, found))
+class Part:
+    """Seeds of a part of an estimate, and what CPU time each takes."""
+
+    def __init__(self, draw: Callable[[], np.ndarray], first: int, most: int) -> None:
+        self.draw, self.most, self.seconds = draw, most, 0.0
+        self.pictures = [draw()]  # it compiles the program
+        self.add(first - 1)
+
+    def add(self, seeds: int) -> None:
+        """Draw so many more, as far as there may be more."""
+        seeds = min(seeds, self.most - len(self.pictures))
+        begun = time.process_time()
+        self.pictures += [self.draw() for _ in range(seeds)]
+        self.seconds += time.process_time() - begun
+
+    @property
+    def each(self) -> float:
+        """Return the seconds of a seed."""
+        return self.seconds / max(len(self.pictures) - 1, 1)
+
+
+def result(row: Row, reference: Reference, edges: Part, inside: Part) -> Result:
+    """Return the figures of a row by what edges bring and what they do not."""
+    found = np.stack(edges.pictures), np.stack(inside.pictures)
+    near, wide, interior, *parts = (bumps(pictures) for pictures in (*reference, *found))
     truth = near.mean(0)
     if row.less:
         # How large each is along the reference
-        near, wide, interior, estimates = (
-            (each @ truth / (truth @ truth))[:, None] for each in (near, wide, interior, estimates)
+        near, wide, interior, *parts = (
+            (each @ truth / (truth @ truth))[:, None] for each in (near, wide, interior, *parts)
         )
         truth = np.ones(1)
     size = float(np.linalg.norm(truth))
-    keys = len(near) // len(wide)
+    noises = noise_of(parts[0]) / size, noise_of(parts[1]) / size
+    noise = float(np.hypot(*noises))
 
-    def off(values: Values, other: np.ndarray) -> float:
-        return float(np.linalg.norm(values.mean(0) - other)) / size
+    def off(value: np.ndarray) -> float:
+        return float(np.linalg.norm(value - truth)) / size
 
     return Result(
         row,
-        error=off(estimates, truth),
-        noise=noise_of(estimates) / size,
+        error=off(parts[0].mean(0) + parts[1].mean(0)),
+        noise=noise,
+        noises=noises,
         fd_noise=noise_of(near) / size,
-        step=off(wide, near[::keys].mean(0)) / 3,
-        interior=off(interior, truth),
-        seeds=len(estimates),
+        step=truncation(near, wide)[0] / size,
+        interior=off(interior.mean(0)),
+        seeds=(len(parts[0]), len(parts[1])),
         keys=len(near),
-        second=noise_of(estimates) / size * (len(estimates) * seconds) ** 0.5,
-        pictures=(reference.near.mean(0), reference.interior.mean(0), found.mean(0)),
+        second=noise * sum(len(part.pictures) * part.each for part in (edges, inside)) ** 0.5,
+        pictures=(reference.near.mean(0), reference.interior.mean(0), found[0].mean(0) + found[1].mean(0)),
     )
 
 
 def measure(row: Row, references: References, most: int) -> Result:
-    """Return the figures of a row, averaged over as many seeds as its bound wants and at most so many."""
+    """Return the figures of a row, by as many seeds as its bound wants: at most so many of edges.
+
+    What edges bring is a seed's derivative less the same seed's without them. The rest is the mean of seeds of its own,
+    of which there may be many more: they take a tenth of the time, and often make nearly all of the noise.
+    """
     reference = references.of(row)
-    seeds = derivatives(row, row.samples)
-    estimates, wanted = [next(seeds)], row.seeds
-    begun = time.process_time()
+    whole, without, others = derivatives(row, row.samples), derivatives(row, 0), derivatives(row, 0, first=INSIDE_FIRST)
+    edges = Part(lambda: next(whole) - next(without), row.seeds, most)
+    inside = Part(lambda: next(others), row.seeds, INSIDE * most)
     while True:
-        estimates += [next(seeds) for _ in range(wanted - len(estimates))]
-        seconds, wanted = (time.process_time() - begun) / (wanted - 1), 2 * wanted
-        found = result(row, reference, np.stack(estimates), seconds)
-        if len(estimates) >= most or found.noise <= row.bound / 3:
+        found = result(row, reference, edges, inside)
+        left = [
+            (noise**2 / len(part.pictures) / part.each, part)
+            for noise, part in zip(found.noises, (edges, inside), strict=True)
+            if noise and len(part.pictures) < part.most
+        ]
+        if found.noise <= row.bound / 3 or not left:
             return found
+        # That whose seeds lower the variance most in a second
+        _, part = max(left, key=lambda each: each[0])
+        part.add(len(part.pictures))

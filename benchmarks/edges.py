@@ -26,8 +26,8 @@ from benchmarks.edge_rows import References, Result, measure
 from benchmarks.edge_scenes import Row, rows
 from benchmarks.processes import cpu_model, wide_console
 
-HEAD = f"{'d/d':<52}{'error':>8}{'own noise':>11}{'FD noise':>10}{'FD step':>9}{'bound':>7}{'seeds':>7}{'FD keys':>9}"
-HEAD += f"{'interior':>10}{'in 1 CPU s':>12}"
+HEAD = f"{'d/d':<52}{'error':>8}{'own noise':>11}{'FD noise':>10}{'FD step':>9}{'bound':>7}{'seeds':>7}"
+HEAD += f"{'inside':>8}{'FD keys':>9}{'interior':>10}{'in 1 CPU s':>12}"
 
 
 def arguments() -> argparse.Namespace:
@@ -39,7 +39,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--prepare", action="store_true", help="make the references, and no more")
     parser.add_argument("--draw", type=Path, metavar="PNG", help="save the rows' derivative pictures")
     parser.add_argument("--keys", type=int, default=256, help="of finite differences, at most")
-    parser.add_argument("--seeds", type=int, default=256, help="of estimates, at most")
+    parser.add_argument("--seeds", type=int, default=256, help="of edges, at most; inside of them 32 times as many")
     parser.add_argument("--cost", action="store_true", help="what gradients cost, and no more")
     parser.add_argument("--fits", action="store_true", help="what is found by edges, and no more")
     parser.add_argument("--peer-configurations", action="store_true", help="those of Mitsuba's tests, and no more")
@@ -51,7 +51,7 @@ def arguments() -> argparse.Namespace:
 def line(found: Result) -> str:
     """Return a row of the table."""
     shares = f"{found.error:8.4f}{found.noise:11.4f}{found.fd_noise:10.4f}{found.step:9.4f}{found.row.bound:7.2f}"
-    shares += f"{found.seeds:7}{found.keys:9}{found.interior:10.3f}{found.second:12.4f}"
+    shares += f"{found.seeds[0]:7}{found.seeds[1]:8}{found.keys:9}{found.interior:10.3f}{found.second:12.4f}"
     return f"{found.row.name:<52}{shares}  {found.word}"
 
 

@@ -22,7 +22,7 @@ from benchmarks.ladder import build
 from jaxrt.boundary import edge_tangent
 from jaxrt.scene import drawn
 
-SIZE, SEEDS, SPP, SAMPLES = 16, 16, 64, 8192
+SIZE, SEEDS, SPP, SAMPLES = 16, 16, 256, 8192
 ERRORS = 6  # standard errors
 TRUNCATION = 0.01
 X = np.eye(3)[0]
@@ -43,7 +43,7 @@ def crossing():
 
 
 MOVES = {"spheres.center[other ball]": X, "meshes.vertices[box]": X, "camera.position": X}
-DEPTH, STEP, FD_SPP = 1, 0.02, 4096
+DEPTH, STEP, FD_SPP = 1, 0.02, 512
 
 
 class Programs:

@@ -81,7 +81,7 @@ CLOSED = {
 @cache
 def below():
     """Return edge samples of that scene, which serve whatever moves, for each of several seeds."""
-    sample = quick_jit(partial(bounced_edges, plan=plan(16384, 1, geometry=True)))
+    sample = quick_jit(partial(bounced_edges, plan=plan(8192, 1, geometry=True)))
     return [sample(floor_below(), jnp.uint32(seed))[0] for seed in range(32)]
 
 

@@ -13,6 +13,8 @@ from jaxrt.cameras import View, projection, view_of
 from jaxrt.description.kinds import CAMERAS
 from jaxrt.scene.parameters import asked
 
+pytestmark = pytest.mark.usefixtures("quick_compilation")
+
 PLACE = {"position": [1.0, 2, 3], "target": [0.2, 1, 0.5], "width": 24, "height": 16}
 TURNED = {"roll": 10.0, "rotate": [3.0, -5, 8]}
 BENT = {"k1": -0.2, "k2": 0.05, "p1": 0.01, "p2": -0.02, "k3": 0.01}

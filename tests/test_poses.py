@@ -260,7 +260,7 @@ def test_derivatives_in_poses_are_those_of_finite_differences(posed, motion):
         return jaxrt.with_parameters(posed, {name: values[name] + step * changes[name] for name in POSES})
 
     def difference(key):
-        ahead, behind = (jaxrt.render(shifted(s), key, spp=32 * SPP, max_depth=1) for s in (h, -h))
+        ahead, behind = (jaxrt.render(shifted(s), key, spp=16 * SPP, max_depth=1) for s in (h, -h))
         return bumps((np.asarray(ahead, float) - np.asarray(behind, float)) / (2 * h))
 
     wanted = np.stack([difference(10 + k) for k in range(SEEDS)])

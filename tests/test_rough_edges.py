@@ -110,7 +110,7 @@ MOVES = {
 @cache
 def sampled():
     """Return edge samples of that scene, which serve whatever moves, for each of several seeds."""
-    sample = quick_jit(partial(bounced_edges, plan=plan(16384, 1, geometry=True)))
+    sample = quick_jit(partial(bounced_edges, plan=plan(8192, 1, geometry=True)))
     return [sample(below(), jnp.uint32(seed))[0] for seed in range(SEEDS)]
 
 

@@ -150,6 +150,7 @@ def of_balls():
     return scene, replace(scene, spheres=replace(scene.spheres, bvh=None, outside=None))
 
 
+@pytest.mark.usefixtures("quick_compilation")
 def test_picture_is_that_of_the_loop():
     pictures = [np.asarray(jaxrt.render(s, 3, spp=4, max_depth=2)) for s in of_balls()]
     assert np.array_equal(*pictures) and np.ptp(pictures[0]) > 0.1
