@@ -48,7 +48,7 @@ from jaxrt.transport.path import Tables, radiance, tables_of
 
 ASIDE = 1e-3  # pixels: as near to its border no triangle is taken to cross another; what touches does not cross
 SHARE = 8  # one of so many boundary samples is a line: each costs as much as several others
-LIGHTS_ONLY = 128  # the same where lights alone move: they show, and cast shadows, in a small part of the picture
+LIGHTS_ONLY = 64  # the same where lights alone move: they show, and cast shadows, in a small part of the picture
 
 
 @pytree

@@ -24,7 +24,7 @@ from jaxrt.transport.path import Tables
 
 WITHIN = LENS + 1  # block of random numbers that choose a place, and where to look next
 DIM = 0.1  # where lights alone move, weight of the edges of shadows: lights that are seen are as much brighter
-FAINT = 0.02  # weight of a difference that another sampler has, in all likelihood
+FAINT = 0.04  # weight of a difference that another sampler has, in all likelihood
 
 
 @pytree
@@ -88,7 +88,10 @@ def differs(a: Look, b: Look) -> Array:
 
 
 def interest(plan: Plan, tables: Tables, line: Line, looks: tuple[Look, Look]) -> Array:
-    """Return 0 where two looks are alike, 1 where they differ by what is sampled here, FAINT where hardly so."""
+    """Return 0 where two looks are alike, 1 where they differ by what is sampled here, FAINT where hardly so.
+
+    Where lights alone move, DIM for the edge of a shadow.
+    """
 
     def worth(tables: Tables, line: Line, looks: tuple[Look, Look]) -> Array:
         a, b = looks
@@ -100,8 +103,8 @@ def interest(plan: Plan, tables: Tables, line: Line, looks: tuple[Look, Look]) -
         others = (pair[0] != pair[1]) & ~(meet & may_cross(tables.geometry, pair))
         if not plan.geometry_moves:
             others = others | ~part_by_light(tables, a.chain, b.chain)
-        plain = jnp.where(plan.geometry_moves | jnp.any(a.chain.met != b.chain.met), 1, DIM)
-        return jnp.where(others, FAINT, plain).astype(line.start.dtype)
+        bright = plan.geometry_moves | jnp.any(a.chain.met != b.chain.met)
+        return jnp.where(others, FAINT, jnp.where(bright, 1, DIM)).astype(line.start.dtype)
 
     apart = differs(*looks)
     found = where_any(apart, worth, lambda _, line, looks: jnp.zeros_like(line.start[0]), tables, line, looks)
