@@ -8,7 +8,8 @@ place where it does counts
     (f₊ − f₋) · F_θ · |F_j| / (F_x² + F_y²),
 
 f₊ and f₋ the radiances on both sides, so that lines in both directions make up the whole, and lines that graze an edge
-count little. Which places these are, and how thin what is found may be, `search.py` tells.
+count little. Which places these are, and how thin what is found may be, `search.py` tells; which lines are drawn,
+`promises.py` and `candidates.py`.
 """
 
 from functools import partial
