@@ -57,17 +57,6 @@ def where_any(needed: Array, f: Callable[..., Any], otherwise: Callable[..., Any
     return one(needed, *operands)
 
 
-def any_lane(needed: Array) -> Array:
-    """Return whether any lane of a packet is `needed`, () bool: the same for all, so that loops may end by it."""
-    one = custom_vmap(lambda needed: needed)
-
-    @one.def_vmap
-    def rule(size: int, batched: Any, needed: Array) -> Any:
-        return jnp.any(needed), False
-
-    return one(needed)
-
-
 def _chosen(f: Callable[..., Any], needed: Array, *operands: Any) -> Any:
     return jax.tree.map(lambda x: jnp.where(needed, x, 0), f(*operands))
 

@@ -23,19 +23,18 @@ from jaxrt.boundary.anchors import surface_anchors
 from jaxrt.boundary.clearance import EdgeSamples, LightPoints, Path, beside
 from jaxrt.boundary.guiding import LANES, Draw, Guide, guide_of, place, sample_evenly
 from jaxrt.boundary.lines.between import Place, place_between
-from jaxrt.boundary.lines.candidates import HIDDEN, RATIO, Candidate, candidate, choices
-from jaxrt.boundary.lines.chains import ENDED, Numbers, blocker, is_light, sent_by
+from jaxrt.boundary.lines.candidates import RATIO, candidate, choices
+from jaxrt.boundary.lines.chains import ENDED, Lamp, Numbers, blocker, is_light, sent_by
 from jaxrt.boundary.lines.looks import (
     WITHIN,
     Line,
     Look,
     goes_on,
-    line_through,
     numbers_of,
     ray_at,
 )
 from jaxrt.boundary.lines.promises import promises
-from jaxrt.boundary.lines.search import Chosen, Search, search_along
+from jaxrt.boundary.lines.search import Chosen, search_along
 from jaxrt.boundary.shadows import Plan
 from jaxrt.boundary.trail import through_lens
 from jaxrt.cameras import edges_known
@@ -49,7 +48,7 @@ from jaxrt.transport.path import Tables, radiance, tables_of
 
 ASIDE = 1e-3  # pixels: as near to its border no triangle is taken to cross another; what touches does not cross
 SHARE = 8  # one of so many boundary samples is a line: each costs as much as several others
-LIGHTS_ONLY = 64  # the same where lights alone move: they show, and cast shadows, in a small part of the picture
+LIGHTS_ONLY = 96  # the same where lights alone move: they show, and cast shadows, in a small part of the picture
 
 
 @pytree
@@ -59,7 +58,7 @@ class LineTables:
     tables: Tables
     faces: Array | None  # (n, 3) int32
     pixels: Guide  # to candidates
-    chosen: Chosen  # (count,) pieces of these
+    chosen: Chosen  # (count,) intervals of these
     seed: Array
 
 
@@ -90,9 +89,7 @@ def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]
 
     def sampled(promised: Array) -> EdgeSamples:
         pixels = guide_of(promised)
-        chosen, lines = choices(plan, tables, pixels, -(-RATIO * n // LANES) * LANES, seed)
-        hidden = HIDDEN / (1 - HIDDEN) * jnp.maximum(jnp.sum(lines), 1)
-        weights = jnp.concatenate([lines, hidden * jnp.diff(pixels.cumulative, prepend=0)])
+        chosen, weights = choices(plan, tables, pixels, -(-RATIO * n // LANES) * LANES, seed)
         operands = LineTables(tables, faces, pixels, chosen, seed)
         found: EdgeSamples = sample_evenly(partial(_sample, plan), operands, weights, n, seed, plan.devices)
         return found
@@ -111,19 +108,14 @@ def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]
 def _sample(plan: Plan, operands: LineTables, draw: Draw) -> EdgeSamples:
     """Return one sample."""
     camera, placed = operands.tables.camera, once(place)(draw)
-    count, pixels = operands.chosen.piece.shape[0], camera.width * camera.height
-    # The bins are candidates, then pixels, in which lines are new
-    given, rest = placed.bin < count, placed.bin - count
-    new = Candidate(line_through(camera, rest, placed.t), draw.stream, rest, jnp.ones_like(placed.t) / 2)
-    old = candidate(operands.tables, operands.pixels, placed.bin, count, operands.seed)
-    line, stream, pixel, density = where(given, old, new)
-    density = density * placed.density * draw.total
-    chosen = jax.tree.map(lambda x: jnp.where(given, x[jnp.minimum(placed.bin, count - 1)], 0), operands.chosen)
+    chosen = jax.tree.map(lambda x: x[placed.bin], operands.chosen)
+    count = operands.chosen.worth.shape[0]
+    line, stream, pixel, density = candidate(operands.tables, operands.pixels, placed.bin, count, operands.seed)
     tables = through_lens(operands.tables, stream)
-    numbers, coins = numbers_of(stream, tables.dtype), numbers_of(draw.stream, tables.dtype)(WITHIN)[:2]
-    search = search_along(plan, tables, line, numbers, coins, chosen)
+    numbers, (coin, *_) = numbers_of(stream, tables.dtype), numbers_of(draw.stream, tables.dtype)(WITHIN)
+    search = search_along(plan, tables, line, numbers, coin, chosen)
     looks, lamp = jax.tree.map(lambda *x: jnp.stack(x), *search.ends), search.lamp
-    edge = once(partial(_edge, plan))(tables, line, search, looks)
+    edge = once(partial(_edge, plan))(tables, line, search.lamp, looks)
     # Both use the same random numbers, so that equal surfaces cancel
     rays = jax.vmap(partial(ray_at, camera, line))(looks.place)
     light = lax.map(partial(_seen, plan, tables, numbers), rays)
@@ -131,10 +123,11 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> EdgeSamples:
     if lamp is not None:
         sent = once(sent_by)(tables, search.ends[0].chain, lamp)
         jump = jnp.where(edge.is_shadow, jnp.where(looks.lit[1], sent, -sent), jump)
-    seen = edge.valid & (density > 0)
-    odds = search.odds * safe_divide(search.total, search.worth)
+    density = density * placed.density * draw.total
+    seen = edge.valid & (density > 0) & (chosen.worth > 0)
+    odds = search.odds * safe_divide(chosen.total, chosen.worth)
     weight = jnp.where(seen, jump * safe_divide(odds, density), 0)
-    pixel = jnp.where(seen, pixel, pixels)
+    pixel = jnp.where(seen, pixel, camera.width * camera.height)
     # How it moves
     anchors = []
     for i in range(2):
@@ -159,9 +152,9 @@ def _seen(plan: Plan, tables: Tables, numbers: Numbers, ray: Ray) -> Array:
     return radiance(tables, ray, numbers, plan.max_depth, False)
 
 
-def _edge(plan: Plan, tables: Tables, line: Line, search: Search, looks: Look) -> Edge:
+def _edge(plan: Plan, tables: Tables, line: Line, lamp: Lamp | None, looks: Look) -> Edge:
     """Return what ends between two looks (2,)."""
-    chains, lamp = looks.chain, search.lamp
+    chains = looks.chain
     length = chains.met.shape[1]
     # The first event at which they part, and whether glass has parted them before: that is no edge
     event, flipped = jnp.int32(length), jnp.zeros((), bool)
@@ -191,7 +184,7 @@ def _edge(plan: Plan, tables: Tables, line: Line, search: Search, looks: Look) -
     share = jnp.where(is_shadow, safe_divide(found.distance, toward_lamp), 0)
     change = Ray((1 - share) * found.aside, jnp.where(is_shadow, 0, found.distance) * found.aside)
     # Outlines before the camera's own eye have samples of their own
-    valid = (is_shadow | (valid & (found.crossing | (event > 0)))) & found.valid & ~flipped & (search.worth > 0)
+    valid = (is_shadow | (valid & (found.crossing | (event > 0)))) & found.valid & ~flipped
     if not plan.geometry_moves:
         valid = valid & (is_shadow | jnp.any(is_light(tables, met)))
     return Edge(found, change, jnp.where(is_shadow, chains.last[0], event - 1), share * found.aside, is_shadow, valid)

@@ -1,7 +1,6 @@
-"""Lines whose ends are looked at beforehand: what ends on these is found where their ends differ.
+"""Lines that are looked at beforehand, many more than are searched: each is drawn as often as it is worth it.
 
-Many are looked at, and of those that differ each is drawn about as often as it stands for others. What hides between
-ends that are alike is looked for on lines of its own.
+So what is seldom found is not drawn seldom: it counts as much as all else.
 """
 
 from functools import partial
@@ -22,11 +21,10 @@ from jaxrt.kernels.native import map_packets, on_devices, once
 from jaxrt.transport.path import Tables
 
 RATIO = 4  # candidates for each sample
-HIDDEN = 0.2  # share of the samples for what hides between ends that are alike
 
 
 class Candidate(NamedTuple):
-    """A line that may be drawn."""
+    """A line that may be searched."""
 
     line: Line
     stream: Stream  # of the numbers by which all is looked at on it
@@ -43,7 +41,7 @@ def candidate(tables: Tables, guide: Guide, k: Array, count: int, seed: Array) -
 
 
 def choices(plan: Plan, tables: Tables, guide: Guide, count: int, seed: Array) -> tuple[Chosen, Array]:
-    """Return of candidates (count,) the pieces that are chosen, and their worths, as often as they stand for others."""
+    """Return the intervals of candidates (count,), and their worths, each as often as it stands for others."""
 
     def one_packet(operands: tuple[Tables, Guide, Array], packet: Array) -> tuple[Chosen, Array]:
         lanes = packet * LANES + jnp.arange(LANES, dtype=jnp.int32)
@@ -54,13 +52,13 @@ def choices(plan: Plan, tables: Tables, guide: Guide, count: int, seed: Array) -
         return jax.tree.map(lambda x: x[None], found)
 
     found = on_devices(on_device, (tables, guide, seed), count // LANES, plan.devices)
-    return jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1).reshape(-1)[:count], found)
+    return jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1).reshape(-1, *x.shape[3:])[:count], found)
 
 
 def _choice(plan: Plan, count: int, tables: Tables, guide: Guide, seed: Array, k: Array) -> tuple[Chosen, Array]:
-    """Return the piece of a candidate, and its worth."""
+    """Return the interval of a candidate, and its worth."""
     here = candidate(tables, guide, k, count, seed)
     tables = through_lens(tables, here.stream)
     numbers = numbers_of(here.stream, tables.dtype)
-    chosen = choose(plan, tables, here.line, numbers, numbers(WITHIN)[0])
+    chosen = choose(plan, tables, here.line, numbers, numbers(WITHIN)[:2])
     return chosen, safe_divide(chosen.total, here.density)
