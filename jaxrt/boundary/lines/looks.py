@@ -100,7 +100,11 @@ def interest(plan: Plan, tables: Tables, line: Line, looks: tuple[Look, Look]) -
         near, beyond = lax.map(lambda ray: distances(tables.geometry, ray, pair)[0], rays)
         # Do they meet in between if they go on as they are?
         meet = (near[0] < near[1]) & (near[1] < FAR) & (beyond[1] < beyond[0]) & (beyond[0] < FAR)
-        others = (pair[0] != pair[1]) & ~(meet & may_cross(tables.geometry, pair))
+        crosses = may_cross(tables.geometry, pair)
+        # Nothing ends where one face of a mirror goes on in another, but beyond it may
+        adjoins = (jnp.min(pair) >= 0) & ~crosses
+        beyond_it = jnp.any(a.chain.met[1:] != b.chain.met[1:]) | jnp.any(a.lit != b.lit)
+        others = (pair[0] != pair[1]) & ~jnp.where(adjoins, beyond_it, meet & crosses)
         if not plan.geometry_moves:
             others = others | ~part_by_light(tables, a.chain, b.chain)
         bright = plan.geometry_moves | jnp.any(a.chain.met != b.chain.met)

@@ -22,7 +22,7 @@ from jaxrt.kernels.native import once
 from jaxrt.transport.path import Tables
 
 PIECES = 4  # of a line where chains are looked at; one where the camera's rays alone are
-LEVELS = 3  # intervals, each half of the one before, that are looked at in the middle
+LEVELS = 5  # intervals, each half of the one before, that are looked at in the middle
 HALVINGS = 14  # of an interval, until both ends see what lies on either side of one edge
 
 
