@@ -36,7 +36,10 @@ def candidate(tables: Tables, guide: Guide, k: Array, count: int, seed: Array) -
     """Return the k-th candidate of so many. guide: of pixels."""
     draw = draw_from(guide, jnp.int32(0), seed ^ jnp.uint32(16), k, count)
     placed = once(place)(draw)
-    line = line_through(tables.camera, placed.bin, placed.t)
+    # Even places start anew in each pixel: of one start for all, a seed's error would be that of a single number
+    start = Stream(jnp.uint32(2), placed.bin.astype(jnp.uint32), seed, jnp.uint32(1))
+    t = placed.t + numbers_of(start, placed.t.dtype)(WITHIN)[0]
+    line = line_through(tables.camera, placed.bin, jnp.where(t >= 1, t - 1, t))
     return Candidate(line, draw.stream, placed.bin, placed.density * draw.total / 2)
 
 
