@@ -16,14 +16,14 @@ from jaxrt.boundary.anchors import occluder_anchors
 from jaxrt.boundary.clearance import EdgeSamples, Path, Turn, beside
 from jaxrt.boundary.guiding import Draw, one_of_both, place, sample_guided
 from jaxrt.boundary.lookouts import Lookouts, lookouts_at, nearest_lookout, point_seen
-from jaxrt.boundary.outlines import LIGHTS_ONLY, both_sides
+from jaxrt.boundary.outlines import LIGHTS_ONLY, change_across
 from jaxrt.boundary.shadows import Plan
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, aim_at, edge_table, rim_at
 from jaxrt.boundary.trail import central_ray, through_lens
 from jaxrt.cameras import edges_known
 from jaxrt.core.maths import dot, face_forward, normalize, reflect, safe_divide
 from jaxrt.core.pytree import pytree, where
-from jaxrt.core.records import Hit, Ray, SurfacePoint
+from jaxrt.core.records import Ray, SurfacePoint
 from jaxrt.core.samplers import Stream, independent
 from jaxrt.core.sampling import numbers_of_direction
 from jaxrt.kernels.native import in_stages, map_packets, once
@@ -31,7 +31,7 @@ from jaxrt.materials import evaluate, numbers_toward, scatter, tells_numbers_at
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, leave, surface_point
 from jaxrt.transport.medium import medium_at
-from jaxrt.transport.path import Tables, Walk, event_at, last_look, tables_of, walk_along
+from jaxrt.transport.path import Tables, Walk, tables_of, walk_along
 
 TILES = 8  # the picture is divided into so many parts each way, among which a pilot shares the samples
 CANDIDATES = 32  # points of outlines, of which one is taken by how large it looks
@@ -55,6 +55,7 @@ class Arrival:
     """A path's event."""
 
     turn: Turn
+    point: SurfacePoint  # where it is
     flux: Array  # (3,) weight of light scattered there, at diffuse surfaces with the albedo, at glossy without f; or 0
     glossy: Array | None  # () bool; None in scenes without glossy surfaces
     absorption: Array | None  # (3,) per unit of length, of what its ray comes through; None where nothing absorbs
@@ -65,7 +66,6 @@ class Station:
     """Where a path turns toward outlines."""
 
     arrival: Arrival
-    point: SurfacePoint
     facing: Array  # (3,) the normal on the side that is seen
     eye: Array  # (3,) the point, moved off the surface by its rounding
 
@@ -76,7 +76,7 @@ class Station:
         if self.arrival.glossy is None:
             return even
         wo = -self.arrival.turn.ray.direction
-        value = in_stages(evaluate)(tables.materials, self.point, wo, direction)[0]
+        value = in_stages(evaluate)(tables.materials, self.arrival.point, wo, direction)[0]
         return jnp.where(self.arrival.glossy, jnp.where(jnp.abs(cosine) > TURNED, value, 0), even)
 
     def lobe(self, tables: Tables) -> "Lobe":
@@ -84,7 +84,7 @@ class Station:
         assert self.arrival.glossy is not None
         wo = -self.arrival.turn.ray.direction
         direction = reflect(wo, self.facing)
-        pdf = in_stages(evaluate)(tables.materials, self.point, wo, direction)[1]
+        pdf = in_stages(evaluate)(tables.materials, self.arrival.point, wo, direction)[1]
         return Lobe(direction, lax.rsqrt(jnp.maximum(jnp.pi * pdf, WIDE**-2)), self.arrival.glossy)
 
 
@@ -144,24 +144,26 @@ def _sample(plan: Plan, events: int, operands: BouncedTables, draw: Draw) -> tup
     y = ((tile // TILES).astype(placed.t.dtype) + draw.spread[0]) * (camera.height / TILES)
     arrivals = _path(tables, central_ray(camera, x, y), draw.stream, events)
     arrival = jax.tree.map(lambda a: a[last], arrivals)
-    point = once(surface_point)(tables.geometry, arrival.turn.ray, Hit(arrival.turn.index, jnp.ones((), bool)))
-    wo = -arrival.turn.ray.direction
+    point, wo = arrival.point, -arrival.turn.ray.direction
     facing = face_forward(point.shading, wo)
     # Where the path has met nothing, its point is of no use
     brings = jnp.sum(arrival.flux) > 0
     eye = jnp.where(brings, once(leave)(point, facing).origin, camera.start((x, y)))
     # From its end past an outline
-    grazing = _grazing(plan, operands, Station(arrival, point, facing, eye), draw)
+    grazing = _grazing(plan, operands, Station(arrival, facing, eye), draw)
     direction, absorption = normalize(grazing.rim.point - eye), None
     if tables.materials.are_translucent:
         eye = jnp.where(brings, once(leave)(point, direction).origin, eye)
     if arrival.absorption is not None:
         absorption = medium_at(tables.materials, arrival.absorption, point, wo).beyond(direction)
-    starts, clear = both_sides(tables, outlines, grazing.row, grazing.rim, eye)
-    outside, inside = jax.vmap(partial(_radiance_from, plan, tables, draw.stream, last, absorption))(*starts)
+    rim, onward = grazing.rim, partial(_onward, tables, absorption)
+    # `last` counts from 0, and its ray comes after it
+    gained, clear = change_across(
+        tables, outlines, grazing.row, rim, eye, onward, draw.stream, last + 2, plan.max_depth
+    )
     density = placed.density * draw.total * (TILES * TILES / (camera.width * camera.height))
     seen = clear & jnp.any(grazing.weight > 0) & (density > 0)
-    weight = jnp.where(seen, arrival.flux * (outside - inside) * safe_divide(grazing.weight, density), 0)
+    weight = jnp.where(seen, arrival.flux * gained * safe_divide(grazing.weight, density), 0)
     column, row = (
         jnp.minimum(x.astype(jnp.int32), camera.width - 1),
         jnp.minimum(y.astype(jnp.int32), camera.height - 1),
@@ -203,7 +205,7 @@ def _path(tables: Tables, ray: Ray, stream: Stream, events: int) -> Arrival:
         flux = jnp.where(scattering.diffuse, onward, 0)
         if scattering.glossy is not None:
             flux = jnp.where(scattering.glossy & tells_numbers_at(tables.materials, point), arriving, flux)
-        arrival = Arrival(Turn(ray, hit.index, (u[0], u[1])), flux, scattering.glossy, absorption)
+        arrival = Arrival(Turn(ray, hit.index, (u[0], u[1])), point, flux, scattering.glossy, absorption)
         return (once(leave)(point, scattering.direction), onward, beyond), arrival
 
     ones = jnp.ones_like(ray.origin)
@@ -220,8 +222,7 @@ def _places(tables: Tables, seed: Array, events: int) -> Array:
         u, v, *_ = (x.astype(tables.dtype) for x in independent(stream, 0))
         ray = central_ray(tables.camera, u * tables.camera.width, v * tables.camera.height)
         arrival = jax.tree.map(lambda a: a[k % events], _path(tables, ray, stream, events))
-        there = once(surface_point)(tables.geometry, arrival.turn.ray, Hit(arrival.turn.index, jnp.ones((), bool)))
-        return jnp.where(jnp.sum(arrival.flux) > 0, there.position, ray.origin)
+        return jnp.where(jnp.sum(arrival.flux) > 0, arrival.point.position, ray.origin)
 
     def packet(operands: tuple[Tables, Array], _: Array) -> Array:
         return jax.vmap(partial(lane, operands))(jnp.arange(LOOKOUTS, dtype=jnp.int32))
@@ -232,7 +233,6 @@ def _places(tables: Tables, seed: Array, events: int) -> Array:
 def _grazing(plan: Plan, operands: BouncedTables, station: Station, draw: Draw) -> Grazing:
     """Return one of several points of outlines, taken by how much of the light that arrives each may change."""
     outlines, tables, eye = operands.outlines, operands.tables, station.eye
-    rim_of = once(partial(rim_at, creases=plan.max_depth > 1))
     start = once(nearest_lookout)(operands.lookouts, eye) * outlines.rows
 
     def worth(tables: Tables, station: Station, rim: Rim, row: Array, density: Array) -> Array:
@@ -253,51 +253,25 @@ def _grazing(plan: Plan, operands: BouncedTables, station: Station, draw: Draw) 
         t = jnp.where(lobe.there & (k >= half), aim.draw(t), t)
         return row, t, density * jnp.where(lobe.there, (1 + aim.density(t)) / 2, 1)
 
-    def choose(k: Array, best: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+    def choose(k: Array, best: tuple[Array, Array, Rim, Array, Array]) -> tuple[Array, Array, Rim, Array, Array]:
         """Keep what is there or take point k, by their worth."""
-        chosen_row, chosen_t, total, coin = best
+        *chosen, total, coin = best
         row, t, density = once(drawn)(operands.outlines, operands.lookouts, lobe, k)
-        own = once(worth)(tables, station, rim_of(outlines, row, t, eye), row, density)
-        taken, coin, total = one_of_both(coin, own, total)
-        return jnp.where(taken, row, chosen_row), jnp.where(taken, t, chosen_t), total, coin
+        rim = once(partial(rim_at, creases=plan.max_depth > 1))(outlines, row, t, eye)
+        taken, coin, total = one_of_both(coin, once(worth)(tables, station, rim, row, density), total)
+        return *where(taken, (row, t, rim), tuple(chosen)), total, coin
 
     lobe = None if station.arrival.glossy is None else station.lobe(tables)
     nothing, coin = jnp.zeros_like(eye[0]), independent(draw.stream, 0)[0].astype(eye.dtype)
-    row, t, total, _ = lax.fori_loop(0, CANDIDATES, choose, (jnp.int32(0), nothing, nothing, coin))
-    rim = rim_of(outlines, row, t, eye)
+    none = Rim(jnp.zeros_like(eye), jnp.zeros_like(eye), nothing, nothing, nothing > 0)
+    row, t, rim, total, _ = lax.fori_loop(0, CANDIDATES, choose, (jnp.int32(0), nothing, none, nothing, coin))
     sent = station.sends(tables, normalize(rim.point - eye))
     return Grazing(row, t, rim, sent * safe_divide(total / CANDIDATES, jnp.mean(sent)))
 
 
-def _radiance_from(
-    plan: Plan,
-    tables: Tables,
-    stream: Stream,
-    last: Array,
-    absorption: Array | None,
-    ray: Ray,
-    hit: Hit,
-    point: SurfacePoint,
-) -> Array:
-    """Return the radiance (3,) along a surface's ray whose first surface is known.
-
-    last: () number of the event that the ray leaves, from 0. absorption: (3,) of what it goes through.
-    """
-    first = last + 2
-
-    def met(k: Array, walk: Walk) -> Hit:
-        found = once(find)(tables.geometry, walk.ray, walk.alive)
-        return where(k == first, hit, found)
-
-    def event(k: Array, walk: Walk) -> Walk:
-        here = met(k, walk)
-        there = once(surface_point)(tables.geometry, walk.ray, here)
-        there = where(k == first, point, there)
-        return event_at(tables, walk, here, there, tuple(x.astype(ray.origin.dtype) for x in independent(stream, k)))
-
-    walk = replace(walk_along(tables, ray, False), absorption=absorption)
-    walk = lax.fori_loop(first, plan.max_depth + 1, event, walk)
-    return last_look(tables, walk, met(jnp.int32(plan.max_depth + 1), walk))
+def _onward(tables: Tables, absorption: Array | None, ray: Ray) -> Walk:
+    """Return the path that begins with a surface's ray. absorption: (3,) of what it goes through."""
+    return replace(walk_along(tables, ray, False), absorption=absorption)
 
 
 def _aimed(turns: Turn, last: Array, numbers: tuple[Array, Array]) -> Turn:

@@ -5,8 +5,10 @@ counts wherever the colour can change across it. On a smooth ball radiance varie
 rim, so the inside is shaded at the rim itself.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -22,14 +24,15 @@ from jaxrt.cameras import View, edges_known, projection
 from jaxrt.core.maths import dot, normalize, safe_divide, safe_sqrt
 from jaxrt.core.pytree import pytree, where
 from jaxrt.core.records import Hit, Ray, Smooth, SurfacePoint
-from jaxrt.core.samplers import independent
+from jaxrt.core.samplers import Stream, independent
+from jaxrt.kernels.few import where_any
 from jaxrt.kernels.native import once
 from jaxrt.scene import Scene
 from jaxrt.shapes import Geometry, charted_as, find, measured, surface_point
 from jaxrt.shapes.sphere import onto_sphere, sphere_chart, sphere_error
 from jaxrt.shapes.triangle import triangle_point_at
 from jaxrt.transport.outputs import what_is_met
-from jaxrt.transport.path import Tables, Walk, event_at, last_look, tables_of, walk_along
+from jaxrt.transport.path import Tables, Walk, arrive, depart, event_at, looks_at_last, tables_of, walk_along
 
 CLOSE = 1e-5  # what hides an outline is nearer by this share of its distance
 LIGHTS_ONLY = 16  # the outlines of lights alone get this part of the samples: they are few and smooth
@@ -88,11 +91,11 @@ def _sample(plan: Plan, bins: int, operands: OutlineTables, draw: Draw) -> tuple
     if camera.heading is not None:
         rim = replace(rim, distance=dot(rim.point - eye, camera.heading))
     # The change of radiance across it
-    outside, inside, clear = _radiances(plan, tables, outlines, row, rim, eye, draw)
+    change, clear = _changed(plan, tables, outlines, row, rim, eye, draw)
     density = placed.density * bins * draw.total
     seen = rim.valid & clear & view.inside & (density > 0)
     spread = safe_divide(rim.jacobian * view.density, rim.distance * rim.distance * density)
-    weight = jnp.where(seen, (outside - inside) * spread, 0)
+    weight = jnp.where(seen, change * spread, 0)
     pixel = jnp.where(seen, view.pixel, camera.width * camera.height)
     occluder = occluder_anchors(outlines, plan.geometry_moves, row, t, rim)
     facing = jnp.where(seen, rim.normal, 0)
@@ -104,19 +107,60 @@ def _sample(plan: Plan, bins: int, operands: OutlineTables, draw: Draw) -> tuple
     return samples, jnp.sum(jnp.abs(weight))
 
 
-def _radiances(
+def _changed(
     plan: Plan, tables: Tables, outlines: Silhouettes, row: Array, rim: Rim, eye: Array, draw: Draw
-) -> tuple[Array, Array, Array]:
-    """Return the radiance, or the outputs, just outside and just inside an outline, and whether nothing hides it.
+) -> tuple[Array, Array]:
+    """Return how much more radiance, or of the outputs, there is just outside an outline, and whether nothing hides it.
 
-    Both use the same random numbers, so that equal surfaces on both sides cancel.
+    Both sides use the same random numbers, so that equal surfaces cancel.
     """
+    if not plan.outputs:
+        camera = partial(walk_along, tables, specular=True)
+        return change_across(tables, outlines, row, rim, eye, camera, draw.stream, jnp.int32(1), plan.max_depth)
     starts, clear = both_sides(tables, outlines, row, rim, eye)
-    if plan.outputs:
-        both = jax.vmap(partial(what_is_met, plan.outputs, tables))(*starts)
-    else:
-        both = jax.vmap(partial(_radiance_from, plan, tables, draw))(*starts)
-    return both[0], both[1], clear
+    both = jax.vmap(partial(what_is_met, plan.outputs, tables))(*starts)
+    return both[0] - both[1], clear
+
+
+def change_across(
+    tables: Tables,
+    outlines: Silhouettes,
+    row: Array,
+    rim: Rim,
+    eye: Array,
+    start: Callable[[Ray], Walk],
+    stream: Stream,
+    first: Array,
+    max_depth: int,
+) -> tuple[Array, Array]:
+    """Return how much more radiance (3,) there is just outside an outline than just inside, and whether it shows.
+
+    start: gives the path that begins with a ray. first: () int32 number of its first event. One loop finds what these
+    rays meet and what all later ones do, for a search is dear to compile.
+    """
+    looks = looks_at_last(tables)
+
+    def event(k: Array, state: tuple[Walk, Array]) -> tuple[Walk, Array]:
+        walks, clear = state
+        hits = jax.vmap(once(find), in_axes=(None, 0, 0))(tables.geometry, walks.ray, walks.alive)
+        points = jax.vmap(once(surface_point), in_axes=(None, 0, 0))(tables.geometry, walks.ray, hits)
+        begins = k == first
+        operands = begins, clear, tables.geometry, outlines, row, rim, (walks.ray, hits, points)
+        (rays, hits, points), clear = where_any(begins, _begun, lambda *x: (x[-1], x[1]), *operands)
+        u = tuple(x.astype(eye.dtype) for x in independent(stream, k))
+
+        def onward(walk: Walk, hit: Hit, point: SurfacePoint) -> Walk:
+            if not looks:
+                return event_at(tables, walk, hit, point, u)
+            # The last ray only looks
+            walk, goes_on = arrive(tables, walk, hit, point), k <= max_depth
+            return where(goes_on, depart(tables, walk, Hit(hit.index, hit.valid & goes_on), point, u), walk)
+
+        return jax.vmap(onward)(replace(walks, ray=rays), hits, points), clear
+
+    walks = jax.vmap(start)(_rays_past(rim, eye))
+    walks, clear = lax.fori_loop(first, max_depth + 1 + looks, event, (walks, jnp.zeros((), bool)))
+    return walks.radiance[0] - walks.radiance[1], clear
 
 
 def both_sides(
@@ -124,24 +168,42 @@ def both_sides(
 ) -> tuple[tuple[Ray, Hit, SurfacePoint], Array]:
     """Return the rays (2,) from an eye just outside and just inside an outline with what they meet, and where.
 
-    Second, () bool, whether nothing hides the outline from the eye. Surfaces that end at the outline are met on it: a
-    ray beside it would miss faces that are seen almost edge-on.
+    Second, () bool, whether nothing hides the outline from the eye.
     """
-    past = normalize(rim.point + NUDGE * rim.distance * rim.normal - eye)
-    rays = Ray(jnp.stack([eye, eye]), jnp.stack([past, normalize(rim.point - eye)]))
+    rays = _rays_past(rim, eye)
     hits = jax.vmap(once(find), in_axes=(None, 0))(tables.geometry, rays)
     points = jax.vmap(once(surface_point), in_axes=(None, 0, 0))(tables.geometry, rays, hits)
-    beyond = jax.tree.map(lambda x: x[0], (rays, hits, points))
-    toward, first, place = jax.tree.map(lambda x: x[1], (rays, hits, points))
-    gap = rim.distance - dot(place.position - eye, toward.direction)
+    return _sides(tables.geometry, outlines, row, rim, (rays, hits, points))
+
+
+def _rays_past(rim: Rim, eye: Array) -> Ray:
+    """Return rays (2,) from an eye just past an outline, and to it."""
+    past = normalize(rim.point + NUDGE * rim.distance * rim.normal - eye)
+    return Ray(jnp.stack([eye, eye]), jnp.stack([past, normalize(rim.point - eye)]))
+
+
+def _begun(begins: Array, clear: Array, *known: Any) -> tuple[Any, Array]:
+    """Return `_sides` where a path begins, else what is met and `clear`."""
+    return where(begins, _sides(*known), (known[-1], clear))
+
+
+def _sides(
+    geometry: Geometry, outlines: Silhouettes, row: Array, rim: Rim, met: tuple[Ray, Hit, SurfacePoint]
+) -> tuple[tuple[Ray, Hit, SurfacePoint], Array]:
+    """Return `both_sides` from what the rays past an outline and to it meet.
+
+    Surfaces that end at the outline are met on it: a ray beside it would miss faces that are seen almost edge-on.
+    """
+    beyond, (toward, first, place) = (jax.tree.map(lambda x, i=i: x[i], met) for i in range(2))
+    gap = rim.distance - dot(place.position - toward.origin, toward.direction)
     behind = gap * jnp.abs(dot(place.normal, toward.direction)) > 2 * place.error
     hidden = first.valid & (gap > CLOSE * rim.distance) & behind & ~_ends(outlines, row, first.index)
     inside = outside = None
     if outlines.edges is not None:
-        inside, outside = _at_edge(tables.geometry, outlines, row, rim, toward)
+        inside, outside = _at_edge(geometry, outlines, row, rim, toward)
         beyond = where(outside[0], outside[1], beyond)
     if outlines.spheres is not None:
-        at_rim = _at_rim(tables.geometry, outlines, row, rim, toward, place)
+        at_rim = _at_rim(geometry, outlines, row, rim, toward, place)
         of_sphere = row < outlines.spheres_count
         inside = at_rim if inside is None else where(of_sphere, at_rim, inside)
     return jax.tree.map(lambda *x: jnp.stack(x), beyond, inside), ~hidden
@@ -195,19 +257,3 @@ def _at_rim(
     # By rounding a ray along the surface may seem to come from inside, where it is dark
     from_outside = Ray(ray.origin, normalize(ray.direction - NUDGE * rim.normal))
     return from_outside, Hit(sphere, jnp.ones((), bool)), measured(geometry, from_outside, point)
-
-
-def _radiance_from(plan: Plan, tables: Tables, draw: Draw, ray: Ray, hit: Hit, point: SurfacePoint) -> Array:
-    """Return the radiance (3,) along a camera ray whose first surface is known."""
-    walk = walk_along(tables, ray, True)
-
-    def event(walk: Walk, k: Array) -> tuple[Walk, None]:
-        here = once(find)(tables.geometry, walk.ray, walk.alive)
-        there = once(surface_point)(tables.geometry, walk.ray, here)
-        first = k == 1
-        here, there = where(first, (hit, point), (here, there))
-        u = tuple(x.astype(ray.origin.dtype) for x in independent(draw.stream, k))
-        return event_at(tables, walk, here, there, u), None
-
-    walk, _ = lax.scan(event, walk, jnp.arange(1, plan.max_depth + 1, dtype=jnp.int32))
-    return last_look(tables, walk)

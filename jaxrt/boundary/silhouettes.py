@@ -4,12 +4,15 @@ Everything here is without derivative. An outline is cut into rows (a sphere, or
 [0, 1) that runs along it.
 """
 
+from functools import partial
+
 import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.core.maths import cross, dot, normalize, safe_divide, safe_sqrt, unit_roundoff
 from jaxrt.core.pytree import pytree
 from jaxrt.core.sampling import frame, sincos_2pi
+from jaxrt.kernels.native import once
 from jaxrt.shapes import Triangles
 from jaxrt.shapes.sphere import SphereTable
 
@@ -192,8 +195,8 @@ def rim_at(table: Silhouettes, row: Array, t: Array, eye: Eye, creases: bool) ->
     if table.spheres is None:
         return _edge_rim(table.edges, row, t, eye, creases)
     n = table.spheres_count
-    a = _sphere_rim(table.spheres, jnp.minimum(row, n - 1), t, eye)
-    b = _edge_rim(table.edges, jnp.maximum(row - n, 0), t, eye, creases)
+    a = once(_sphere_rim)(table.spheres, jnp.minimum(row, n - 1), t, eye)
+    b = once(partial(_edge_rim, creases=creases))(table.edges, jnp.maximum(row - n, 0), t, eye)
     return Rim(*(jnp.where(row < n, x, y) for x, y in zip(_fields(a), _fields(b), strict=True)))
 
 
@@ -247,7 +250,7 @@ def aim_at(table: Silhouettes, row: Array, eye: Array, direction: Array, angle: 
 def _sphere_rim(table: SphereTable, row: Array, t: Array, eye: Eye) -> Rim:
     """Return a point of the circle where lines from the eye touch a sphere."""
     center, radius = table.center[row], table.radius[row]
-    cos, sin = sincos_2pi(t)
+    cos, sin = once(sincos_2pi)(t)
     if isinstance(eye, Afar):
         side, up = frame(eye.direction)
         normal, one = cos * side + sin * up, jnp.ones_like(radius)
@@ -259,9 +262,14 @@ def _sphere_rim(table: SphereTable, row: Array, t: Array, eye: Eye) -> Rim:
     inverse = lax.rsqrt(jnp.where(valid, squared, 1))
     sine, cosine = radius * inverse, safe_sqrt(power) * inverse
     axis = jnp.where(valid, -away * inverse, jnp.zeros_like(away).at[2].set(1))
-    side, up = frame(axis)
-    normal = cosine * (cos * side + sin * up) - sine * axis
+    normal = once(_tilted)(axis, (cos, sin), (cosine, sine))
     return Rim(center + radius * normal, normal, 2 * jnp.pi * radius * cosine, safe_sqrt(power), valid & (power > 0))
+
+
+def _tilted(axis: Array, turn: tuple[Array, Array], lean: tuple[Array, Array]) -> Array:
+    """Return a direction that leans back from an axis, at a turn about it: cosine and sine of both."""
+    side, up = frame(axis)
+    return lean[0] * (turn[0] * side + turn[1] * up) - lean[1] * axis
 
 
 def _edge_rim(table: EdgeTable, row: Array, t: Array, eye: Eye, creases: bool) -> Rim:

@@ -329,7 +329,7 @@ def meets_light(tables: Tables, hit: Hit) -> Array:
     return hit.valid & (light >= 0) & (light < tables.lights.lights.position.shape[0])
 
 
-def _looks_at_last(tables: Tables) -> bool:
+def looks_at_last(tables: Tables) -> bool:
     """Return whether a path's last ray can see anything at all that shines."""
     spheres = tables.lights is not None and tables.lights.lights.have_size
     can_shine = spheres or shines_from_afar(tables.lights)
@@ -339,7 +339,7 @@ def _looks_at_last(tables: Tables) -> bool:
 
 def may_look(tables: Tables, walk: Walk) -> Array:
     """Return whether the walk's last ray may see something that shines, () bool."""
-    if tables.environment is not None or not _looks_at_last(tables):
+    if tables.environment is not None or not looks_at_last(tables):
         return jnp.full((), tables.environment is not None)
     return walk.specular if walk.pdf is None else walk.specular | (walk.pdf > 0)
 
@@ -349,6 +349,6 @@ def last_look(tables: Tables, walk: Walk, hit: Hit | None = None) -> Array:
 
     hit: what the ray hits; None: to be found.
     """
-    if not _looks_at_last(tables):
+    if not looks_at_last(tables):
         return walk.radiance
     return arrive(tables, walk, once(find)(tables.geometry, walk.ray, walk.alive) if hit is None else hit).radiance
