@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.core.maths import cross, dot, normalize, safe_divide, safe_sqrt, unit_roundoff
-from jaxrt.core.pytree import pytree
+from jaxrt.core.pytree import pytree, where
 from jaxrt.core.sampling import frame, sincos_2pi
 from jaxrt.kernels.native import once
 from jaxrt.shapes import Triangles
@@ -197,7 +197,8 @@ def rim_at(table: Silhouettes, row: Array, t: Array, eye: Eye, creases: bool) ->
     n = table.spheres_count
     a = once(_sphere_rim)(table.spheres, jnp.minimum(row, n - 1), t, eye)
     b = once(partial(_edge_rim, creases=creases))(table.edges, jnp.maximum(row - n, 0), t, eye)
-    return Rim(*(jnp.where(row < n, x, y) for x, y in zip(_fields(a), _fields(b), strict=True)))
+    chosen: Rim = where(row < n, a, b)
+    return chosen
 
 
 @pytree
@@ -285,7 +286,3 @@ def _edge_rim(table: EdgeTable, row: Array, t: Array, eye: Eye, creases: bool) -
     normal = jnp.where(first > 0, -normal, normal)
     shown = (jacobian > 0) & (distance > 0)
     return Rim(point, normal, jacobian, distance, shown if creases else shown & (first * second > 0))
-
-
-def _fields(rim: Rim) -> tuple[Array, Array, Array, Array, Array]:
-    return rim.point, rim.normal, rim.jacobian, rim.distance, rim.valid

@@ -33,12 +33,6 @@ def along_axis(axis: Array, v: Array) -> tuple[Array, Array, Array]:
     return x, y, jnp.where(zx, v[0], jnp.where(zy, v[1], v[2]))
 
 
-def turned(axis: Array, v: Array) -> Array:
-    """Return the same as one array (3, …)."""
-    (zx, zy), (first, second) = ((axis == k)[None] for k in (0, 1)), (jnp.concatenate([v[k:], v[:k]]) for k in (1, 2))
-    return jnp.where(zx, first, jnp.where(zy, second, v))
-
-
 def shear(x: Array, y: Array, z: Array, sx: Array, sy: Array, sz: Array, *, wide: bool = False) -> Corner:
     """Return a corner, seen from the ray's origin and with z along its main axis, sheared.
 

@@ -344,11 +344,8 @@ def may_look(tables: Tables, walk: Walk) -> Array:
     return walk.specular if walk.pdf is None else walk.specular | (walk.pdf > 0)
 
 
-def last_look(tables: Tables, walk: Walk, hit: Hit | None = None) -> Array:
-    """Return the walk's radiance with what its last ray sees, where it can see anything at all.
-
-    hit: what the ray hits; None: to be found.
-    """
+def last_look(tables: Tables, walk: Walk) -> Array:
+    """Return the walk's radiance with what its last ray sees, where it can see anything at all."""
     if not looks_at_last(tables):
         return walk.radiance
-    return arrive(tables, walk, once(find)(tables.geometry, walk.ray, walk.alive) if hit is None else hit).radiance
+    return arrive(tables, walk, once(find)(tables.geometry, walk.ray, walk.alive)).radiance

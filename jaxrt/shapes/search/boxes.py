@@ -64,10 +64,10 @@ def _tree_around(
     pad = 32 * unit_roundoff(low) * jnp.maximum(jnp.abs(low), jnp.abs(high)).max(1, keepdims=True)
     low, high = low - pad, high + pad
     first, last = topology.first, topology.last
-    # Both at once: each step is a kernel of its own
-    sides = _least_of_ranges(jnp.concatenate([low, -high], -1), first, last)
-    sides = jnp.where((first == last)[..., None], FAR, sides)
-    boxes = jnp.concatenate([sides[..., :3], -sides[..., 3:]], -1)
+    lows = _least_of_ranges(low, first, last)
+    highs = -_least_of_ranges(-high, first, last)
+    none = (first == last)[..., None]
+    boxes = jnp.concatenate([jnp.where(none, FAR, lows), jnp.where(none, -FAR, highs)], -1)
     children, size = topology.children, topology.children.shape[0] * NODE
     children = jnp.where(children < 0, -1 - size - (-1 - children) * LEAF, children * NODE)
     nodes = _words(boxes.swapaxes(1, 2), children)
@@ -91,11 +91,11 @@ def _words(numbers: Array, links: Array) -> Array:
 
 
 def _least_of_ranges(rows: Array, first: Array, last: Array) -> Array:
-    """Return the least (n, 8, c) over ranges of rows (m, c): of two overlapping ranges of 2ᵏ rows each."""
+    """Return the least (n, 8, 3) over ranges of rows (m, 3): of two overlapping ranges of 2ᵏ rows each."""
     tables, count = [rows], rows.shape[0]
     while 2 ** len(tables) <= count:
         step = 2 ** (len(tables) - 1)
-        shifted = jnp.concatenate([tables[-1][step:], jnp.broadcast_to(rows[-1:], (step, rows.shape[1]))])
+        shifted = jnp.concatenate([tables[-1][step:], jnp.broadcast_to(rows[-1:], (step, 3))])
         tables.append(jnp.minimum(tables[-1], shifted))
     table = jnp.concatenate(tables)
     k = 31 - lax.clz(jnp.maximum(last - first, 1))

@@ -22,7 +22,7 @@ from jaxrt.core.maths import unit_roundoff
 from jaxrt.core.records import Ray
 from jaxrt.kernels.gather import part, put
 from jaxrt.kernels.native import once
-from jaxrt.shapes.edges import hit_distance, main_axis, shear, turned
+from jaxrt.shapes.edges import along_axis, hit_distance, main_axis, shear
 from jaxrt.shapes.roots import root_distance
 from jaxrt.shapes.search.boxes import LEAF, NODE, Tree
 from jaxrt.shapes.search.bvh import WIDTH
@@ -152,16 +152,13 @@ def places_of(axis: Array) -> list[Array]:
 
 def ray_rows(balls: bool, o: Array, d: Array) -> tuple[Array, Array]:
     """Return what a walk reads of rays (3, …): numbers (…, 12) and `places_of` their axes (…, 3)."""
-    axis = once(main_axis)(d)
+    axis = main_axis(d)
     if balls:
-        own = [o, d]
+        own = [*o, *d]
     else:
-        # Whole vectors: a number alone has a loop of its own
-        start, slopes = turned(axis, o), turned(axis, d)
-        own = [start, jnp.concatenate([slopes[:2], jnp.ones_like(slopes[:1])]) / slopes[2:]]
-    along = axis[..., None] + lax.broadcasted_iota(jnp.int32, (*axis.shape, 3), axis.ndim) + 1
-    places = 24 * jnp.where(along > 2, along - 3, along).astype(jnp.uint32)
-    return jnp.moveaxis(jnp.concatenate([o, 1 / nonzero(d), *own]), 0, -1), places
+        dx, dy, dz = along_axis(axis, d)
+        own = [*along_axis(axis, o), dx / dz, dy / dz, 1 / dz]
+    return jnp.stack([*o, *(1 / nonzero(d)), *own], -1), jnp.stack(places_of(axis), -1)
 
 
 def slabs(low: Rows, high: Rows, origin: Rows, inverse: Rows) -> tuple[Array, Array]:
