@@ -20,8 +20,9 @@ from benchmarks.edge_rows import bumps
 from benchmarks.edge_scenes import Description, ball, box, quad, scene
 from benchmarks.ladder import build
 from jaxrt.boundary import clearance_of, sample_edges, splat
-from jaxrt.boundary.lines import _weights, line_edges
+from jaxrt.boundary.lines import line_edges
 from jaxrt.boundary.lines.chains import MISSED, Lamp, blocker, chain_from
+from jaxrt.boundary.lines.promises import promises
 from jaxrt.boundary.trail import with_trails
 from jaxrt.core.maths import normalize
 from jaxrt.core.records import Ray
@@ -164,7 +165,7 @@ def test_a_lamp_between_looks_at_its_mirror_image_is_looked_for():
     shows = hit & (along > 0) & ((toward**2).sum(-1) - along**2 < radius**2)
     assert 0 < shows.sum() < (128 / 4) ** 2
     pixel = int(y[shows].mean()) * size + int(x[shows].mean())
-    weights = jax.jit(partial(_weights, plan(1024, 1, geometry=True), tables_of(here)))
+    weights = jax.jit(partial(promises, plan(1024, 1, geometry=True), tables_of(here)))
     found = [np.asarray(weights(jnp.uint32(seed))) for seed in range(8)]
     assert all(each[pixel] > 0.9 * each.max() for each in found)
     # Not by marking all

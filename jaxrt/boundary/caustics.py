@@ -42,7 +42,7 @@ from jaxrt.transport.medium import around_lights
 from jaxrt.transport.path import Tables, tables_of
 
 CELLS = 4  # parts of a light's rim, and of a mirror each way, among which a pilot shares the samples
-LIGHTS_ONLY = 2  # where lights alone move they get this part of the samples: about as noisy then as all else
+LIGHTS_ONLY = 4  # where lights alone move they get this part of the samples: about as noisy then as all else
 SEEN = 0.9  # share of places on a ball that are drawn by how it looks from a light
 FEW = 32  # surfaces up to which it does
 ASKANCE = 0.1  # of the size of a triangle, which it has at least as it looks from a light

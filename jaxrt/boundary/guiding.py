@@ -90,7 +90,7 @@ def sample_guided(
     packets = -(-n // (ROUNDS * LANES))
 
     def one_round(weights: Array, number: Array) -> tuple[Array, Any]:
-        guide = _guide(weights)
+        guide = guide_of(weights)
         start = guide, number, seed
         results, measure = _run(sample, (operands, start), packets, devices)
         found = _found(guide, measure.reshape(-1), _shift(jnp.uint32(1), seed, weights.dtype)[0])
@@ -102,7 +102,25 @@ def sample_guided(
     return jax.tree.map(lambda x: x[1:].reshape(ROUNDS * packets * LANES, *x.shape[3:]), results)
 
 
-def _guide(weights: Array) -> Guide:
+def sample_evenly(
+    sample: Callable[[Operands, Draw], Any],
+    operands: Operands,
+    weights: Array,
+    n: int,
+    seed: Array,
+    devices: tuple[jax.Device, ...],
+) -> Any:
+    """Return samples as `sample_guided` does, without a pilot: what sample(operands, draw) gives, by the weights alone.
+
+    Where they tell each bin's worth, what few samples find of few bins would only make them uneven.
+    """
+    packets = -(-n // LANES)
+    results = _run(sample, (operands, (guide_of(weights), jnp.int32(0), seed)), packets, devices)
+    return jax.tree.map(lambda x: x.reshape(packets * LANES, *x.shape[2:]), results)
+
+
+def guide_of(weights: Array) -> Guide:
+    """Return the guide by weights (b,) >= 0."""
     return Guide(jnp.cumsum(_normalised(weights)))
 
 
@@ -118,14 +136,14 @@ def _found(guide: Guide, measure: Array, offset: Array) -> Array:
     return jnp.maximum(jnp.diff(total[end], prepend=jnp.zeros(1, measure.dtype)), 0)
 
 
-def _run(sample: Sample[Operands], operands: Any, packets: int, devices: tuple[jax.Device, ...]) -> Any:
-    """Return results and measures (packets, LANES, …) of one round."""
+def _run(sample: Callable[..., Any], operands: Any, packets: int, devices: tuple[jax.Device, ...]) -> Any:
+    """Return what samples give (packets, LANES, …) in one round."""
 
     def one_packet(operands: Any, packet: Array) -> Any:
         rest, (guide, number, seed) = operands
 
         def one(lane: Array) -> Any:
-            return sample(rest, _draw(guide, number, seed, packet * LANES + lane, packets * LANES))
+            return sample(rest, draw_from(guide, number, seed, packet * LANES + lane, packets * LANES))
 
         return jax.vmap(one)(jnp.arange(LANES, dtype=jnp.int32))
 
@@ -138,8 +156,8 @@ def _run(sample: Sample[Operands], operands: Any, packets: int, devices: tuple[j
     )
 
 
-def _draw(guide: Guide, number: Array, seed: Array, k: Array, count: int) -> Draw:
-    """Return what sample k of a round is drawn from. Round 0 is the pilot; the others interleave."""
+def draw_from(guide: Guide, number: Array, seed: Array, k: Array, count: int) -> Draw:
+    """Return what sample k of `count` is drawn from. Round 0 is the pilot, or all there is; the others interleave."""
     dtype = guide.cumulative.dtype
     pilot = number == 0
     total = jnp.where(pilot, count, ROUNDS * count)

@@ -8,7 +8,8 @@ place where it does counts
     (f₊ − f₋) · F_θ · |F_j| / (F_x² + F_y²),
 
 f₊ and f₋ the radiances on both sides, so that lines in both directions make up the whole, and lines that graze an edge
-count little. Which places these are, and how thin what is found may be, `search.py` tells.
+count little. Which places these are, and how thin what is found may be, `search.py` tells; which lines are drawn,
+`promises.py` and `candidates.py`.
 """
 
 from functools import partial
@@ -20,38 +21,34 @@ from jax.extend.core import jaxpr_as_fun
 
 from jaxrt.boundary.anchors import surface_anchors
 from jaxrt.boundary.clearance import EdgeSamples, LightPoints, Path, beside
-from jaxrt.boundary.guiding import LANES, Draw, Placed, place, sample_guided
+from jaxrt.boundary.guiding import LANES, Draw, Guide, guide_of, place, sample_evenly
 from jaxrt.boundary.lines.between import Place, place_between
-from jaxrt.boundary.lines.chains import ENDED, Numbers, blocker, is_light, lamp_middle, sent_by
-from jaxrt.boundary.lines.lamps import shows_lamp
+from jaxrt.boundary.lines.candidates import RATIO, candidate, choices
+from jaxrt.boundary.lines.chains import ENDED, Lamp, Numbers, blocker, is_light, sent_by
 from jaxrt.boundary.lines.looks import (
+    WITHIN,
     Line,
     Look,
     goes_on,
-    has_shadows,
-    interest,
-    line_at,
-    look_at,
     numbers_of,
     ray_at,
 )
-from jaxrt.boundary.lines.search import Search, search_along
+from jaxrt.boundary.lines.promises import promises
+from jaxrt.boundary.lines.search import Chosen, search_along
 from jaxrt.boundary.shadows import Plan
 from jaxrt.boundary.trail import through_lens
-from jaxrt.cameras import View, edges_known
+from jaxrt.cameras import edges_known
 from jaxrt.core.maths import safe_divide, unit_roundoff
 from jaxrt.core.pytree import pytree, where
 from jaxrt.core.records import Ray
-from jaxrt.core.samplers import Stream, independent
-from jaxrt.kernels.native import map_packets, on_devices, once
+from jaxrt.kernels.native import once
 from jaxrt.scene import Scene
 from jaxrt.transport.outputs import first_met
 from jaxrt.transport.path import Tables, radiance, tables_of
 
 ASIDE = 1e-3  # pixels: as near to its border no triangle is taken to cross another; what touches does not cross
-ELSEWHERE = 0.1  # share of the samples outside of where a look at the picture finds edges
-SHARE = 4  # one of so many boundary samples is a line: each costs as much as several others
-LIGHTS_ONLY = 16  # the same where lights alone move: they show, and cast shadows, in a small part of the picture
+SHARE = 8  # one of so many boundary samples is a line: each costs as much as several others
+LIGHTS_ONLY = 96  # the same where lights alone move: they show, and cast shadows, in a small part of the picture
 
 
 @pytree
@@ -60,6 +57,9 @@ class LineTables:
 
     tables: Tables
     faces: Array | None  # (n, 3) int32
+    pixels: Guide  # to candidates
+    chosen: Chosen  # (count,) intervals of these
+    seed: Array
 
 
 @pytree
@@ -83,82 +83,39 @@ def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]
         return ()
     tables = tables_of(scene)
     faces = scene.triangles.faces if scene.triangles is not None and plan.geometry_moves else None
-    operands = LineTables(tables, faces)
     seed = seed ^ jnp.uint32(8)
-    weights = _weights(plan, tables, seed)
     n = plan.part(SHARE, LIGHTS_ONLY)
+    promised = promises(plan, tables, seed)
 
-    def sampled(weights: Array) -> EdgeSamples:
-        found: EdgeSamples = sample_guided(partial(_sample, plan), operands, weights, n, seed, plan.devices)
+    def sampled(promised: Array) -> EdgeSamples:
+        pixels = guide_of(promised)
+        chosen, weights = choices(plan, tables, pixels, -(-RATIO * n // LANES) * LANES, seed)
+        operands = LineTables(tables, faces, pixels, chosen, seed)
+        found: EdgeSamples = sample_evenly(partial(_sample, plan), operands, weights, n, seed, plan.devices)
         return found
 
     # Traced once, for its shapes and for itself
-    program, shapes = jax.make_jaxpr(sampled, return_shape=True)(weights)
+    program, shapes = jax.make_jaxpr(sampled, return_shape=True)(promised)
     nothing = [jnp.zeros(x.shape, x.dtype) for x in program.out_avals]
     # Where a look at the picture finds nothing, samples would cost much more than it
-    samples = lax.cond(jnp.any(weights > 0), jaxpr_as_fun(program), lambda _: nothing, weights)
+    samples = lax.cond(jnp.any(promised > 0), jaxpr_as_fun(program), lambda _: nothing, promised)
     return (jax.tree.unflatten(jax.tree.structure(shapes), samples),)
-
-
-# Where they are
-
-
-def _weights(plan: Plan, tables: Tables, seed: Array) -> Array:
-    """Return weights (height · width,): pixels where something seems to end and their neighbours, then all others."""
-    width, height = tables.camera.width, tables.camera.height
-
-    def one_packet(operands: tuple[Tables, Array], packet: Array) -> Array:
-        tables, seed = operands
-        lanes = packet * LANES + jnp.arange(LANES, dtype=jnp.int32)
-        return jax.vmap(partial(_seems_to_end, plan, tables, seed))(lanes)
-
-    def on_device(operands: tuple[Tables, Array], packets: Array) -> Array:
-        return map_packets(one_packet, operands, packets[0])[None]
-
-    packets = -(-width * height // LANES)
-    found = on_devices(on_device, (tables, seed), packets, plan.devices)
-    found = jnp.swapaxes(found, 0, 1).reshape(-1)[: width * height].reshape(height, width)
-    around = lax.reduce_window(found, jnp.zeros((), found.dtype), lax.max, (3, 3), (1, 1), "SAME").ravel()
-    return around + ELSEWHERE / (1 - ELSEWHERE) * jnp.mean(around)
-
-
-def _seems_to_end(plan: Plan, tables: Tables, seed: Array, pixel: Array) -> Array:
-    """Return 1 where something seems to end within a pixel's width to the right or down, else 0."""
-    camera, dtype = tables.camera, tables.dtype
-    stream = Stream(jnp.uint32(0), pixel.astype(jnp.uint32), seed, jnp.uint32(camera.width * camera.height))
-    tables = through_lens(tables, stream)
-    shift = independent(Stream(jnp.uint32(0), jnp.uint32(0), seed, jnp.uint32(1)), 0)
-    corner = jnp.stack([pixel % camera.width, pixel // camera.width]).astype(dtype) + jnp.stack(shift[:2]).astype(dtype)
-    lamp = once(lamp_middle)(tables, numbers_of(stream, dtype)(0)) if has_shadows(plan, tables) else None
-
-    def look(i: Array) -> Look:
-        """Look here, one pixel to the right, or one down."""
-        return look_at(plan, tables, line_at(corner, i < 2), jnp.minimum(i, 1).astype(dtype), stream, lamp)
-
-    looks = lax.map(look, jnp.arange(3))
-
-    def ends(i: Array) -> Array:
-        pair = tuple(jax.tree.map(lambda x, k=k: x[k], looks) for k in (0, i))
-        return interest(plan, tables, line_at(corner, i < 2), pair) >= 1
-
-    found = jnp.any(lax.map(ends, jnp.arange(1, 3)))
-    if goes_on(plan, tables.materials):
-        found = found | shows_lamp(tables, looks.chain)
-    return jnp.where(found, 1, 0).astype(dtype)
 
 
 # Samples of them
 
 
-def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, Array]:
-    """Return one sample, and what it brings."""
-    tables = through_lens(operands.tables, draw.stream)
-    camera = tables.camera
-    placed = once(place)(draw)
-    line, numbers = _line_through(camera, placed), numbers_of(draw.stream, placed.t.dtype)
-    search = search_along(plan, tables, line, draw.stream)
+def _sample(plan: Plan, operands: LineTables, draw: Draw) -> EdgeSamples:
+    """Return one sample."""
+    camera, placed = operands.tables.camera, once(place)(draw)
+    chosen = jax.tree.map(lambda x: x[placed.bin], operands.chosen)
+    count = operands.chosen.worth.shape[0]
+    line, stream, pixel, density = candidate(operands.tables, operands.pixels, placed.bin, count, operands.seed)
+    tables = through_lens(operands.tables, stream)
+    numbers, (coin, *_) = numbers_of(stream, tables.dtype), numbers_of(draw.stream, tables.dtype)(WITHIN)
+    search = search_along(plan, tables, line, numbers, coin, chosen)
     looks, lamp = jax.tree.map(lambda *x: jnp.stack(x), *search.ends), search.lamp
-    edge = once(partial(_edge, plan))(tables, line, search, looks)
+    edge = once(partial(_edge, plan))(tables, line, search.lamp, looks)
     # Both use the same random numbers, so that equal surfaces cancel
     rays = jax.vmap(partial(ray_at, camera, line))(looks.place)
     light = lax.map(partial(_seen, plan, tables, numbers), rays)
@@ -166,11 +123,11 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, 
     if lamp is not None:
         sent = once(sent_by)(tables, search.ends[0].chain, lamp)
         jump = jnp.where(edge.is_shadow, jnp.where(looks.lit[1], sent, -sent), jump)
-    density = placed.density * draw.total / 2
-    seen = edge.valid & (density > 0)
-    odds = search.odds * safe_divide(search.total, search.worth)
+    density = density * placed.density * draw.total
+    seen = edge.valid & (density > 0) & (chosen.worth > 0)
+    odds = search.odds * safe_divide(chosen.total, chosen.worth)
     weight = jnp.where(seen, jump * safe_divide(odds, density), 0)
-    pixel = jnp.where(seen, placed.bin, camera.width * camera.height)
+    pixel = jnp.where(seen, pixel, camera.width * camera.height)
     # How it moves
     anchors = []
     for i in range(2):
@@ -185,8 +142,7 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> tuple[EdgeSamples, 
         turns = jax.tree.map(lambda x: x[:0], turns)
     path = Path(turns, edge.event, change, image, line.along, camera.lens)
     seen_at = beside(image[None], plan.filter)
-    samples = EdgeSamples(pixel[None], weight[None], lights, None, tuple(anchors), path=path, place=seen_at)
-    return samples, jnp.sum(jnp.abs(weight))
+    return EdgeSamples(pixel[None], weight[None], lights, None, tuple(anchors), path=path, place=seen_at)
 
 
 def _seen(plan: Plan, tables: Tables, numbers: Numbers, ray: Ray) -> Array:
@@ -196,9 +152,9 @@ def _seen(plan: Plan, tables: Tables, numbers: Numbers, ray: Ray) -> Array:
     return radiance(tables, ray, numbers, plan.max_depth, False)
 
 
-def _edge(plan: Plan, tables: Tables, line: Line, search: Search, looks: Look) -> Edge:
+def _edge(plan: Plan, tables: Tables, line: Line, lamp: Lamp | None, looks: Look) -> Edge:
     """Return what ends between two looks (2,)."""
-    chains, lamp = looks.chain, search.lamp
+    chains = looks.chain
     length = chains.met.shape[1]
     # The first event at which they part, and whether glass has parted them before: that is no edge
     event, flipped = jnp.int32(length), jnp.zeros((), bool)
@@ -228,16 +184,7 @@ def _edge(plan: Plan, tables: Tables, line: Line, search: Search, looks: Look) -
     share = jnp.where(is_shadow, safe_divide(found.distance, toward_lamp), 0)
     change = Ray((1 - share) * found.aside, jnp.where(is_shadow, 0, found.distance) * found.aside)
     # Outlines before the camera's own eye have samples of their own
-    valid = (is_shadow | (valid & (found.crossing | (event > 0)))) & found.valid & ~flipped & (search.worth > 0)
+    valid = (is_shadow | (valid & (found.crossing | (event > 0)))) & found.valid & ~flipped
     if not plan.geometry_moves:
         valid = valid & (is_shadow | jnp.any(is_light(tables, met)))
     return Edge(found, change, jnp.where(is_shadow, chains.last[0], event - 1), share * found.aside, is_shadow, valid)
-
-
-def _line_through(camera: View, placed: Placed) -> Line:
-    """Return a line through a pixel, at a place that is spread evenly: half of them run along, half down."""
-    t = placed.t
-    across = t < 0.5
-    offset, nothing = jnp.where(across, 2 * t, 2 * t - 1), jnp.zeros_like(t)
-    corner = jnp.stack([placed.bin % camera.width, placed.bin // camera.width]).astype(t.dtype)
-    return line_at(corner + jnp.where(across, jnp.stack([nothing, offset]), jnp.stack([offset, nothing])), across)

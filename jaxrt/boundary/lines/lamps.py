@@ -5,11 +5,14 @@ that leaves a chain passes a light at some distance, and this changes nearly lin
 neighbouring rays that miss a light tell whether one between them hits it.
 """
 
+from typing import Any
+
 import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.boundary.lines.chains import ENDED, Chain
 from jaxrt.core.maths import dot, safe_divide, safe_sqrt
+from jaxrt.kernels.few import where_any
 from jaxrt.transport.path import Tables
 
 FEW = 32  # lights up to which they are looked for
@@ -22,7 +25,20 @@ def shows_lamp(tables: Tables, chains: Chain) -> Array:
     lights = None if tables.lights is None else tables.lights.lights
     if lights is None or lights.radius is None or lights.radius.shape[0] > FEW:
         return jnp.zeros((), bool)
-    position, radius = lights.position, lights.radius
+    if chains.met.shape[1] == 1:
+        return jnp.zeros((), bool)
+
+    def nowhere(_: Any, __: Chain) -> Array:
+        return jnp.zeros((), bool)
+
+    goes_on = jnp.all(chains.last > 0)
+    found: Array = where_any(goes_on, _shows_any, nowhere, (lights.position, lights.radius), chains)
+    return found
+
+
+def _shows_any(lights: tuple[Array, Array], chains: Chain) -> Array:
+    """Return whether one of the lights, places and radii, shows behind the first event of three chains."""
+    position, radius = lights
     found, alike = jnp.zeros((), bool), jnp.ones((), bool)
     for k in range(1, chains.met.shape[1]):
         before, through = chains.met[:, k - 1], chains.through[:, k - 1]

@@ -1,0 +1,67 @@
+"""Lines that are looked at beforehand, many more than are searched: each is drawn as often as it is worth it.
+
+So what is seldom found is not drawn seldom: it counts as much as all else.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxrt.boundary.guiding import LANES, Guide, draw_from, place
+from jaxrt.boundary.lines.looks import WITHIN, Line, line_through, numbers_of
+from jaxrt.boundary.lines.search import Chosen, choose
+from jaxrt.boundary.shadows import Plan
+from jaxrt.boundary.trail import through_lens
+from jaxrt.core.maths import safe_divide
+from jaxrt.core.samplers import Stream
+from jaxrt.kernels.native import map_packets, on_devices, once
+from jaxrt.transport.path import Tables
+
+RATIO = 4  # candidates for each sample
+
+
+class Candidate(NamedTuple):
+    """A line that may be searched."""
+
+    line: Line
+    stream: Stream  # of the numbers by which all is looked at on it
+    pixel: Array  # () int32
+    density: Array  # () per pixel and direction
+
+
+def candidate(tables: Tables, guide: Guide, k: Array, count: int, seed: Array) -> Candidate:
+    """Return the k-th candidate of so many. guide: of pixels."""
+    draw = draw_from(guide, jnp.int32(0), seed ^ jnp.uint32(16), k, count)
+    placed = once(place)(draw)
+    # Even places start anew in each pixel: of one start for all, a seed's error would be that of a single number
+    start = Stream(jnp.uint32(2), placed.bin.astype(jnp.uint32), seed, jnp.uint32(1))
+    t = placed.t + numbers_of(start, placed.t.dtype)(WITHIN)[0]
+    line = line_through(tables.camera, placed.bin, jnp.where(t >= 1, t - 1, t))
+    return Candidate(line, draw.stream, placed.bin, placed.density * draw.total / 2)
+
+
+def choices(plan: Plan, tables: Tables, guide: Guide, count: int, seed: Array) -> tuple[Chosen, Array]:
+    """Return the intervals of candidates (count,), and their worths, each as often as it stands for others."""
+
+    def one_packet(operands: tuple[Tables, Guide, Array], packet: Array) -> tuple[Chosen, Array]:
+        lanes = packet * LANES + jnp.arange(LANES, dtype=jnp.int32)
+        return jax.vmap(partial(_choice, plan, count, *operands))(lanes)
+
+    def on_device(operands: tuple[Tables, Guide, Array], packets: Array) -> tuple[Chosen, Array]:
+        found: tuple[Chosen, Array] = map_packets(one_packet, operands, packets[0])
+        return jax.tree.map(lambda x: x[None], found)
+
+    found = on_devices(on_device, (tables, guide, seed), count // LANES, plan.devices)
+    return jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1).reshape(-1, *x.shape[3:])[:count], found)
+
+
+def _choice(plan: Plan, count: int, tables: Tables, guide: Guide, seed: Array, k: Array) -> tuple[Chosen, Array]:
+    """Return the interval of a candidate, and its worth."""
+    here = candidate(tables, guide, k, count, seed)
+    tables = through_lens(tables, here.stream)
+    numbers = numbers_of(here.stream, tables.dtype)
+    chosen = choose(plan, tables, here.line, numbers, numbers(WITHIN)[:2])
+    return chosen, safe_divide(chosen.total, here.density)
