@@ -121,6 +121,21 @@ def test_s5_numbers_of_cores_that_are_none():
             jaxrt.use_cpu_cores(n)
 
 
+@pytest.mark.parametrize(
+    ("given", "left"),
+    [
+        ("", "--xla_backend_optimization_level=2"),
+        ("--xla_cpu_x=1", "--xla_cpu_x=1 --xla_backend_optimization_level=2"),
+        ("--xla_backend_optimization_level=1", "--xla_backend_optimization_level=1"),
+    ],
+)
+def test_programs_are_compiled_at_the_level_asked_for_or_the_second(monkeypatch, given, left):
+    monkeypatch.setattr("jax.config.update", lambda *setting: None)
+    monkeypatch.setenv("XLA_FLAGS", given)
+    jaxrt.use_cpu_cores(1)
+    assert os.environ["XLA_FLAGS"] == left
+
+
 def test_devices_have_threads_to_wait_in(monkeypatch):
     """A loop of steps on two devices never ended when XLA's pool had as many threads as cores."""
     set_up = {}

@@ -25,7 +25,7 @@ ROUNDS = 4  # of a pilot's size each
 Operands = TypeVar("Operands")
 
 # Fractions of the plane's R-sequence (Roberts 2018) in 32 bits: 1/g and 1/g², g³ = g + 1
-_R2 = np.uint32(3242174889), np.uint32(2447445414)
+R2 = np.uint32(3242174889), np.uint32(2447445414)
 
 
 @pytree
@@ -165,7 +165,7 @@ def draw_from(guide: Guide, number: Array, seed: Array, k: Array, count: int) ->
     which = jnp.where(pilot, 1, 0).astype(jnp.uint32)
     offset, first, second = _shift(which, seed, dtype)
     at = jnp.minimum((index.astype(dtype) + offset) / total.astype(dtype), 1 - jnp.finfo(dtype).epsneg)
-    spread = _turned(index, _R2[0], first), _turned(index, _R2[1], second)
+    spread = turned(index, R2[0], first), turned(index, R2[1], second)
     stream = Stream(which, index.astype(jnp.uint32), seed ^ _OWN, total.astype(jnp.uint32))
     return Draw(guide, at, spread, stream, total.astype(dtype))
 
@@ -179,7 +179,7 @@ def _shift(which: Array, seed: Array, dtype: DTypeLike) -> tuple[Array, Array, A
     return a.astype(dtype), b.astype(dtype), c.astype(dtype)
 
 
-def _turned(index: Array, step: np.uint32, shift: Array) -> Array:
+def turned(index: Array, step: np.uint32, shift: Array) -> Array:
     """Return the fraction of index · step + shift, the product in 32 bits: float32 would lose it."""
     turns = ((index.astype(jnp.uint32) * step) >> 8).astype(jnp.int32).astype(shift.dtype) * 2.0**-24
     total = turns + shift

@@ -43,7 +43,7 @@ from jaxrt.transport.path import Tables, tables_of
 NUDGE = 1e-4  # of the distance to the outline: rays pass it at this distance, since grazing ones may go either way
 BEYOND = 1e-3  # a receiver is farther than the outline by this share of its distance
 LOBE = 0.9  # share of light points drawn by the cosine to the outline; the others are uniform
-LIGHTS_ONLY = 4  # soft shadows of lights that alone move get this part of the samples: they are smooth
+LIGHTS_ONLY = 2  # soft shadows of lights that alone move get this part of the samples: they are smooth
 GRAZING = 1e-4  # smallest cosine between camera ray and receiver
 
 

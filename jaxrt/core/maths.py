@@ -1,6 +1,7 @@
 """Vectors, safe roots and quotients, rotations, compensated sums: the only place with guards against 0/0 and √0."""
 
 import math
+from collections.abc import Sequence
 from typing import TypeVar
 
 import jax
@@ -22,8 +23,11 @@ def unit_roundoff(x: Array) -> float:
     return float(jnp.finfo(x.dtype).eps) / 2
 
 
-def dot(a: Array, b: Array) -> Array:
-    """Return a·b of two (3,) vectors. Written out: a matrix product may run in reduced precision on accelerators."""
+def dot(a: Array | Sequence[Array], b: Array | Sequence[Array]) -> Array:
+    """Return a·b of two (3,) vectors, or of their coordinates.
+
+    Written out: a matrix product may run in reduced precision on accelerators.
+    """
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 

@@ -6,6 +6,8 @@ that contracts a·b − c·d into a fused multiply-add breaks that. So an edge f
 counts as inside: rays on an edge hit both triangles, and the nearer one wins.
 """
 
+from collections.abc import Sequence
+
 import jax.numpy as jnp
 from jax import Array
 
@@ -25,7 +27,7 @@ def main_axis(direction: Array) -> Array:
     return jnp.where(first, 0, jnp.where(size[1] >= size[2], 1, 2)).astype(jnp.int32)
 
 
-def along_axis(axis: Array, v: Array) -> tuple[Array, Array, Array]:
+def along_axis(axis: Array, v: Array | Sequence[Array]) -> tuple[Array, Array, Array]:
     """Return v's components (3, …) as (x, y, z) with z along `axis`, a cyclic permutation."""
     zx, zy = axis == 0, axis == 1
     x = jnp.where(zx, v[1], jnp.where(zy, v[2], v[0]))

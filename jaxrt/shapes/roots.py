@@ -11,38 +11,47 @@ forms of which one is good.
   2019, ch. 7), where b² would cancel.
 
 The smaller root comes from the larger one by t₁t₂ = power.
+
+Points are read by coordinate, so that a loop over spheres may keep those of many rays apart: of rays that lie point by
+point it would shuffle the numbers at each sphere anew, which takes as long as the rest.
 """
+
+from collections.abc import Sequence
 
 import jax.numpy as jnp
 from jax import Array
 
 from jaxrt.core.maths import FAR, dot
-from jaxrt.core.records import Ray
 
-Row = tuple[Array, Array, Array, Array, Array]  # center, radius, base, shift, constant
+Point = Array | Sequence[Array]  # (3,), or its coordinates
+Sphere = tuple[Point, Array, Point, Point, Array]  # center, radius, base, shift, constant
 
 
-def power_of(row: Row, p: Array) -> Array:
+def power_of(row: Sphere, p: Point) -> Array:
     """Return |p − c|² − r² of a point p, in the form that is exact for this sphere."""
     center, _, base, shift, constant = row
-    return dot(p - base, p - center - shift) + constant
+    return dot(_minus(p, base), _minus(_minus(p, center), shift)) + constant
 
 
-def roots_of(row: Row, ray: Ray) -> tuple[Array, Array, Array]:
-    """Return (b, power, discriminant) of the quadratic for the distance along the ray."""
+def roots_of(row: Sphere, origin: Point, direction: Point) -> tuple[Array, Array, Array]:
+    """Return (b, power, discriminant) of the quadratic for the distance along a ray."""
     radius = row[1]
-    f = ray.origin - row[0]
-    b = dot(f, ray.direction)
-    power = power_of(row, ray.origin)
-    away = f - b * ray.direction
+    f = _minus(origin, row[0])
+    b = dot(f, direction)
+    power = power_of(row, origin)
+    away = _minus(f, [b * x for x in direction])
     near = b * b < radius * radius
     return b, power, jnp.where(near, b * b - power, radius * radius - dot(away, away))
 
 
-def root_distance(row: Row, ray: Ray) -> Array:
+def root_distance(row: Sphere, origin: Point, direction: Point) -> Array:
     """Return the smallest positive distance to the sphere, FAR if there is none. No derivative is taken of it."""
-    b, power, discriminant = roots_of(row, ray)
+    b, power, discriminant = roots_of(row, origin, direction)
     larger = jnp.abs(b) + jnp.sqrt(jnp.maximum(discriminant, 0))
     hit = (discriminant > 0) & ((power < 0) | (b < 0))
     chord_ahead = (power < 0) & (b < 0)
     return jnp.where(hit, jnp.where(chord_ahead, larger, jnp.abs(power) / larger), FAR)
+
+
+def _minus(a: Point, b: Point) -> list[Array]:
+    return [x - y for x, y in zip(a, b, strict=True)]

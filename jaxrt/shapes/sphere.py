@@ -17,12 +17,14 @@ from jaxrt.core.pytree import pytree, static
 from jaxrt.core.records import Chart, Ray, SurfacePoint
 from jaxrt.kernels.gather import take
 from jaxrt.kernels.native import once
-from jaxrt.shapes.roots import Row, power_of, root_distance, roots_of
+from jaxrt.shapes.roots import power_of, root_distance, roots_of
 from jaxrt.shapes.search.boxes import Tree, ball_tree
 from jaxrt.shapes.search.bvh import Topology, topology_of_boxes
 from jaxrt.shapes.search.traverse import any_hit, nearest_hit
 
 Floats = NDArray[np.float64]
+Row = tuple[Array, Array, Array, Array, Array]  # center, radius, base, shift, constant
+Coordinates = tuple[tuple[Array, ...], tuple[Array, ...]]  # of a ray's origin and direction
 MIN_SPHERES = 72  # fewer are tested one by one: from there on a tree is faster for rays of all kinds, packets from 24
 WALLS, WALL = 16, 8  # so many spheres, the largest ones, stay outside of a tree, if they are so many times the usual
 
@@ -112,17 +114,18 @@ def _row(table: SphereTable, i: Array) -> Row:
 
 def sphere_distance(table: SphereTable, ray: Ray, i: Array) -> Array:
     """Return the smallest positive distance to sphere `i`, FAR if there is none. No derivative is taken of it."""
-    return root_distance(_row(table, i), ray)
+    return root_distance(_row(table, i), ray.origin, ray.direction)
 
 
 def nearest_approach(table: SphereTable, ray: Ray, i: Array) -> Array:
     """Return that distance, and of a ray that misses where it is nearest to the sphere: both meet at its outline."""
     row = _row(table, i)
-    b, power, discriminant = roots_of(row, ray)
-    return jnp.where((discriminant <= 0) & (power > 0) & (b < 0), -b, root_distance(row, ray))
+    b, power, discriminant = roots_of(row, ray.origin, ray.direction)
+    nearest = root_distance(row, ray.origin, ray.direction)
+    return jnp.where((discriminant <= 0) & (power > 0) & (b < 0), -b, nearest)
 
 
-def _pair(table: SphereTable, ray: Ray, pair: Array) -> list[tuple[Array, Array]]:
+def _pair(table: SphereTable, ray: Coordinates, pair: Array) -> list[tuple[Array, Array]]:
     """Return (row, distance) of two neighbouring spheres; an odd last one comes twice, which harms nothing.
 
     Two at a time halve the loop's bookkeeping: a search of ten spheres takes 16 ns instead of 27.
@@ -130,7 +133,7 @@ def _pair(table: SphereTable, ray: Ray, pair: Array) -> list[tuple[Array, Array]
     rows = [jnp.minimum(2 * pair + j, _in_loop(table) - 1) for j in range(2)]
     if table.outside is not None:
         rows = [take(table.outside, i) for i in rows]
-    distances = once(lambda rows, ray: [root_distance(_row(table, i), ray) for i in rows])(rows, ray)
+    distances = once(lambda rows, ray: [root_distance(_row(table, i), *ray) for i in rows])(rows, ray)
     return list(zip(rows, distances, strict=True))
 
 
@@ -139,11 +142,16 @@ def _in_loop(table: SphereTable) -> int:
     return (table.radius if table.outside is None else table.outside).shape[0]
 
 
+def _coordinates(ray: Ray) -> Coordinates:
+    return tuple(ray.origin), tuple(ray.direction)
+
+
 def find_sphere(table: SphereTable, ray: Ray, farthest: Array) -> tuple[Array, Array]:
     """Return (distance, row) of the nearest sphere closer than `farthest`; row −1 and `farthest` if there is none."""
+    coordinates = _coordinates(ray)
 
     def closer(pair: Array, best: tuple[Array, Array]) -> tuple[Array, Array]:
-        for i, t in _pair(table, ray, pair):
+        for i, t in _pair(table, coordinates, pair):
             nearer = t < best[0]
             best = jnp.where(nearer, t, best[0]), jnp.where(nearer, i, best[1])
         return best
@@ -159,9 +167,10 @@ def find_sphere(table: SphereTable, ray: Ray, farthest: Array) -> tuple[Array, A
 
 def occluded_by_sphere(table: SphereTable, ray: Ray, farthest: Array, skip: Array | None) -> Array:
     """Return whether any sphere but row `skip`, which is in no tree, is hit closer than `farthest`."""
+    coordinates = _coordinates(ray)
 
     def blocks(pair: Array, blocked: Array) -> Array:
-        for i, t in _pair(table, ray, pair):
+        for i, t in _pair(table, coordinates, pair):
             block = t < farthest
             blocked = blocked | (block if skip is None else block & (i != skip))
         return blocked
@@ -209,7 +218,7 @@ def _distance_to_surface(row: Row, ray: Ray) -> Array:
 
     The quotient would be without bound where such a ray begins beside the sphere, and its derivative no number.
     """
-    b, power, discriminant = roots_of(row, ray)
+    b, power, discriminant = roots_of(row, ray.origin, ray.direction)
     meets, root = discriminant > 0, safe_sqrt(discriminant)
     smaller = jnp.where(meets, jnp.abs(power / jnp.where(meets, jnp.abs(b) + root, 1)), jnp.abs(b))
     return jnp.where((power < 0) & (b < 0), root - b, smaller)

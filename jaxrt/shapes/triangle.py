@@ -5,6 +5,7 @@ Few triangles are tested one by one, many through a tree (`search/traverse.py`);
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array, lax
@@ -82,23 +83,37 @@ def corner_table(
     return TriangleTable(corners, material, _plane_error(lax.stop_gradient(corners)), tree, normals, chart, wide)
 
 
-def sheared(corners: Array, ray: Ray, wide: bool = False) -> list[Corner]:
-    """Return the corners (3, 3) as the ray sees them."""
+class Sight(NamedTuple):
+    """What a ray tells all corners, apart by coordinate: a loop over triangles need not shuffle it."""
+
+    origin: tuple[Array, ...]
+    axis: Array  # () int32 the main one
+    slopes: tuple[Array, ...]  # along it, as `shear` takes them
+
+
+def sight_of(ray: Ray) -> Sight:
+    """Return how a ray sees corners."""
     axis = main_axis(ray.direction)
     dx, dy, dz = along_axis(axis, ray.direction)
-    return [shear(*along_axis(axis, corner - ray.origin), dx / dz, dy / dz, 1 / dz, wide=wide) for corner in corners]
+    return Sight(tuple(ray.origin), axis, (dx / dz, dy / dz, 1 / dz))
+
+
+def sheared(corners: Array, sight: Sight, wide: bool = False) -> list[Corner]:
+    """Return the corners (3, 3) as a ray sees them."""
+    apart = [[x - o for x, o in zip(corner, sight.origin, strict=True)] for corner in corners]
+    return [shear(*along_axis(sight.axis, corner), *sight.slopes, wide=wide) for corner in apart]
 
 
 def _hit_weights(corners: Array, ray: Ray) -> tuple[Array, Array]:
     """Return the barycentric coordinates of the second and third corner; in [0, 1] also where the ray misses."""
-    (e0, e1, e2), _, _ = edge_functions(sheared(corners, ray))
+    (e0, e1, e2), _, _ = edge_functions(sheared(corners, sight_of(ray)))
     total = jnp.abs(e0) + jnp.abs(e1) + jnp.abs(e2)
     return safe_divide(jnp.abs(e1), total), safe_divide(jnp.abs(e2), total)
 
 
 def triangle_distance(table: TriangleTable, ray: Ray, i: Array) -> Array:
     """Return the distance to triangle `i`, FAR if it is missed. No derivative is taken of it."""
-    return hit_distance(sheared(take(table.corners, i), ray, table.wide))
+    return hit_distance(sheared(take(table.corners, i), sight_of(ray), table.wide))
 
 
 def plane_distance(table: TriangleTable, ray: Ray, i: Array) -> Array:
@@ -113,9 +128,10 @@ def find_triangle(table: TriangleTable, ray: Ray, farthest: Array) -> tuple[Arra
     """Return (distance, row) of the nearest triangle closer than `farthest`; row −1 and `farthest` if none is."""
     if table.tree is not None:
         return nearest_hit(table.tree, ray.origin, ray.direction, farthest)
+    sight = sight_of(ray)
 
     def closer(i: Array, best: tuple[Array, Array]) -> tuple[Array, Array]:
-        t = hit_distance(sheared(table.corners[i], ray, table.wide))
+        t = hit_distance(sheared(table.corners[i], sight, table.wide))
         nearer = t < best[0]
         return jnp.where(nearer, t, best[0]), jnp.where(nearer, i, best[1])
 
@@ -126,9 +142,10 @@ def occluded_by_triangle(table: TriangleTable, ray: Ray, farthest: Array) -> Arr
     """Return whether any triangle is hit closer than `farthest`."""
     if table.tree is not None:
         return any_hit(table.tree, ray.origin, ray.direction, farthest)
+    sight = sight_of(ray)
 
     def blocks(i: Array, blocked: Array) -> Array:
-        return blocked | (hit_distance(sheared(table.corners[i], ray, table.wide)) < farthest)
+        return blocked | (hit_distance(sheared(table.corners[i], sight, table.wide)) < farthest)
 
     return lax.fori_loop(0, table.corners.shape[0], blocks, jnp.zeros((), bool))
 

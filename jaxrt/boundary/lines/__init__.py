@@ -49,6 +49,7 @@ from jaxrt.transport.path import Tables, radiance, tables_of
 ASIDE = 1e-3  # pixels: as near to its border no triangle is taken to cross another; what touches does not cross
 SHARE = 8  # one of so many boundary samples is a line: each costs as much as several others
 LIGHTS_ONLY = 96  # the same where lights alone move: they show, and cast shadows, in a small part of the picture
+LEAST = 512  # samples of them, or all: from few candidates most pixels with an edge would have none
 
 
 @pytree
@@ -84,7 +85,7 @@ def line_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]
     tables = tables_of(scene)
     faces = scene.triangles.faces if scene.triangles is not None and plan.geometry_moves else None
     seed = seed ^ jnp.uint32(8)
-    n = plan.part(SHARE, LIGHTS_ONLY)
+    n = max(plan.part(SHARE, LIGHTS_ONLY), min(plan.n, LEAST))
     promised = promises(plan, tables, seed)
 
     def sampled(promised: Array) -> EdgeSamples:

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxrt.boundary.guiding import LANES, Guide, draw_from, place
+from jaxrt.boundary.guiding import LANES, R2, Guide, draw_from, place, turned
 from jaxrt.boundary.lines.looks import WITHIN, Line, line_through, numbers_of
 from jaxrt.boundary.lines.search import Chosen, choose
 from jaxrt.boundary.shadows import Plan
@@ -36,10 +36,11 @@ def candidate(tables: Tables, guide: Guide, k: Array, count: int, seed: Array) -
     """Return the k-th candidate of so many. guide: of pixels."""
     draw = draw_from(guide, jnp.int32(0), seed ^ jnp.uint32(16), k, count)
     placed = once(place)(draw)
-    # Even places start anew in each pixel: of one start for all, a seed's error would be that of a single number
-    start = Stream(jnp.uint32(2), placed.bin.astype(jnp.uint32), seed, jnp.uint32(1))
-    t = placed.t + numbers_of(start, placed.t.dtype)(WITHIN)[0]
-    line = line_through(tables.camera, placed.bin, jnp.where(t >= 1, t - 1, t))
+    # Even places start elsewhere in each pixel: of one start for all, a seed's error would be that of a single number,
+    # and of starts by chance, edges through many pixels would lose what even places are for
+    width = jnp.int32(tables.camera.width)
+    start = turned(placed.bin % width, R2[0], turned(placed.bin // width, R2[1], placed.t))
+    line = line_through(tables.camera, placed.bin, start)
     return Candidate(line, draw.stream, placed.bin, placed.density * draw.total / 2)
 
 

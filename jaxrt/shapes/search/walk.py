@@ -14,12 +14,10 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.core.maths import unit_roundoff
-from jaxrt.core.records import Ray
 from jaxrt.kernels.gather import part, put
 from jaxrt.kernels.native import once
 from jaxrt.shapes.edges import along_axis, hit_distance, main_axis, shear
@@ -200,11 +198,9 @@ def leaf_distances(tree: Tree, leaf: Array, places: list[Array], ray: Rows, slot
         at, size = at + (slot & 7).astype(jnp.uint32), 1
     if tree.balls:
         numbers = [floats(part(tree.words, at + 8 * k, size)) for k in range(8)]
-        center, base, (o, d) = jnp.stack(numbers[:3]), jnp.stack(numbers[4:7]), map(jnp.stack, (ray[:3], ray[3:]))
-        spheres = center, numbers[3], base, center - base, numbers[7]
-        if slot is not None:
-            return jax.vmap(root_distance, (None, -1))(jax.tree.map(lambda x: x[..., 0], spheres), Ray(o, d))
-        return jax.vmap(root_distance, (-1, None))(spheres, Ray(o.reshape(3), d.reshape(3)))
+        center, base = numbers[:3], numbers[4:7]
+        shift = [c - b for c, b in zip(center, base, strict=True)]
+        return root_distance((center, numbers[3], base, shift, numbers[7]), ray[:3], ray[3:])
     corners = [
         [floats(part(tree.words, at + (places[k] & 56) + 8 * c, size)) - ray[k] for k in range(3)] for c in range(3)
     ]
