@@ -5,8 +5,9 @@ sum of the bins' weights; places are evenly spaced, so that the error of a hard 
 number serve as the pilot of a quarter their size, at weights of the angle that a bin spans.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -53,6 +54,16 @@ class Placed(NamedTuple):
     density: Array  # () per bin; 0 where nothing can be sampled
 
 
+class Part(NamedTuple, Generic[Operands]):
+    """Samples of one kind, of several that one kernel draws."""
+
+    begin: Callable[[Operands, Draw], tuple[Any, Any]]  # gives what to follow, and what the sample keeps
+    end: Callable[[Any, Any], tuple[Any, Array]]  # gives result and measure from what it has kept, and what was found
+    weights: Array
+    n: int
+    seed: Array
+
+
 Sample = Callable[[Operands, Draw], tuple[Any, Array]]
 
 
@@ -87,19 +98,95 @@ def sample_guided(
     weights: (b,) >= 0 to begin with. measure: () >= 0, what a sample brings, divided by its density. Results do not
     depend on the devices.
     """
-    packets = -(-n // (ROUNDS * LANES))
 
-    def one_round(weights: Array, number: Array) -> tuple[Array, Any]:
-        guide = guide_of(weights)
-        start = guide, number, seed
-        results, measure = _run(sample, (operands, start), packets, devices)
-        found = _found(guide, measure.reshape(-1), _shift(jnp.uint32(1), seed, weights.dtype)[0])
-        # Keep half of the first weights: what the pilot missed is still found
-        mixed = _normalised(weights) + _normalised(found)
-        return jnp.where(number == 0, mixed, weights), results
+    def begin(operands: Operands, draw: Draw) -> tuple[Array, Any]:
+        result, measure = sample(operands, draw)
+        return measure, result
 
-    _, results = lax.scan(one_round, weights, jnp.arange(ROUNDS + 1, dtype=jnp.int32))
-    return jax.tree.map(lambda x: x[1:].reshape(ROUNDS * packets * LANES, *x.shape[3:]), results)
+    part = Part(begin, lambda result, measure: (result, measure), weights, n, seed)
+    return sample_together([part], operands, lambda _, measure: measure, devices)[0]
+
+
+def sample_together(
+    parts: Sequence[Part[Operands]],
+    operands: Operands,
+    follow: Callable[[Operands, Any], Any],
+    devices: tuple[jax.Device, ...],
+) -> list[Any]:
+    """Return the samples of each part as `sample_guided` does, from one kernel, which has follow's code but once."""
+    counts = [-(-part.n // (ROUNDS * LANES)) for part in parts]
+
+    def one_round(weights: list[Array], number: Array) -> tuple[list[Array], Any]:
+        guides = [guide_of(x) for x in weights]
+        starts = [(guide, number, part.seed) for guide, part in zip(guides, parts, strict=True)]
+        found = _run(partial(_packet, parts, counts, follow), (operands, starts), sum(counts), devices)
+        results, mixed, first = [], [], 0
+        for part, count, guide, weight, both in zip(parts, counts, guides, weights, found, strict=True):
+            result, measure = jax.tree.map(lambda x, i=first, n=count: x[i : i + n], both)
+            brought = _found(guide, measure.reshape(-1), _shift(jnp.uint32(1), part.seed, weight.dtype)[0])
+            # Keep half of the first weights: what the pilot missed is still found
+            mixed.append(jnp.where(number == 0, _normalised(weight) + _normalised(brought), weight))
+            results.append(result)
+            first += count
+        return mixed, results
+
+    _, results = lax.scan(one_round, [part.weights for part in parts], jnp.arange(ROUNDS + 1, dtype=jnp.int32))
+    return [
+        jax.tree.map(lambda x, count=count: x[1:].reshape(ROUNDS * count * LANES, *x.shape[3:]), result)
+        for count, result in zip(counts, results, strict=True)
+    ]
+
+
+def _packet(
+    parts: Sequence[Part[Operands]],
+    counts: list[int],
+    follow: Callable[[Operands, Any], Any],
+    operands: Any,
+    packet: Array,
+) -> list[Any]:
+    """Return what samples give (LANES, …): of each part, though those of the packet's own alone are of use."""
+    rest, starts = operands
+    if len(parts) == 1:
+
+        def one(draw: Draw) -> list[Any]:
+            asked, own = parts[0].begin(rest, draw)
+            return [parts[0].end(own, follow(rest, asked))]
+
+        return _lanes(one, starts[0], packet, counts[0])
+    first = [sum(counts[:i]) for i in range(len(parts))]
+    begun = [jax.jit(partial(_begun, part, count)) for part, count in zip(parts, counts, strict=True)]
+    given = [(rest, start, packet - i) for start, i in zip(starts, first, strict=True)]
+    nothing = [jax.tree.map(_zeros, jax.eval_shape(f, *x)[1]) for f, x in zip(begun, given, strict=True)]
+
+    def of(i: int) -> Callable[[], tuple[Any, list[Any]]]:
+        def own() -> tuple[Any, list[Any]]:
+            asked, drawn = begun[i](*given[i])
+            return asked, [drawn if k == i else x for k, x in enumerate(nothing)]
+
+        return own
+
+    which = sum((packet >= i).astype(jnp.int32) for i in first[1:])
+    asked, drawn = lax.switch(which, [of(i) for i in range(len(parts))])
+    found = jax.vmap(partial(follow, rest))(asked)
+    return [jax.vmap(part.end)(x, found) for part, x in zip(parts, drawn, strict=True)]
+
+
+def _begun(part: Part[Operands], count: int, operands: Operands, start: Any, packet: Array) -> Any:
+    """Return what the samples of one of `count` packets begin with."""
+    return _lanes(lambda draw: part.begin(operands, draw), start, packet, count)
+
+
+def _lanes(f: Callable[[Draw], Any], start: tuple[Guide, Array, Array], packet: Array, count: int) -> Any:
+    """Return f (LANES, …) of what the samples of one of `count` packets are drawn from."""
+
+    def one(lane: Array) -> Any:
+        return f(draw_from(*start, packet * LANES + lane, count * LANES))
+
+    return jax.vmap(one)(jnp.arange(LANES, dtype=jnp.int32))
+
+
+def _zeros(x: jax.ShapeDtypeStruct) -> Array:
+    return jnp.zeros(x.shape, x.dtype)
 
 
 def sample_evenly(
@@ -115,7 +202,12 @@ def sample_evenly(
     Where they tell each bin's worth, what few samples find of few bins would only make them uneven.
     """
     packets = -(-n // LANES)
-    results = _run(sample, (operands, (guide_of(weights), jnp.int32(0), seed)), packets, devices)
+
+    def packet(operands: tuple[Operands, Any], packet: Array) -> Any:
+        rest, start = operands
+        return _lanes(partial(sample, rest), start, packet, packets)
+
+    results = _run(packet, (operands, (guide_of(weights), jnp.int32(0), seed)), packets, devices)
     return jax.tree.map(lambda x: x.reshape(packets * LANES, *x.shape[2:]), results)
 
 
@@ -136,19 +228,11 @@ def _found(guide: Guide, measure: Array, offset: Array) -> Array:
     return jnp.maximum(jnp.diff(total[end], prepend=jnp.zeros(1, measure.dtype)), 0)
 
 
-def _run(sample: Callable[..., Any], operands: Any, packets: int, devices: tuple[jax.Device, ...]) -> Any:
-    """Return what samples give (packets, LANES, …) in one round."""
-
-    def one_packet(operands: Any, packet: Array) -> Any:
-        rest, (guide, number, seed) = operands
-
-        def one(lane: Array) -> Any:
-            return sample(rest, draw_from(guide, number, seed, packet * LANES + lane, packets * LANES))
-
-        return jax.vmap(one)(jnp.arange(LANES, dtype=jnp.int32))
+def _run(f: Callable[..., Any], operands: Any, packets: int, devices: tuple[jax.Device, ...]) -> Any:
+    """Return f(operands, packet) (packets, …) of each packet."""
 
     def on_device(operands: Any, packets: Array) -> Any:
-        return jax.tree.map(lambda x: x[None], map_packets(one_packet, operands, packets[0]))
+        return jax.tree.map(lambda x: x[None], map_packets(f, operands, packets[0]))
 
     results = on_devices(on_device, operands, packets, devices)
     return jax.tree.map(
