@@ -99,94 +99,57 @@ def sample_guided(
     depend on the devices.
     """
 
-    def begin(operands: Operands, draw: Draw) -> tuple[Array, Any]:
-        result, measure = sample(operands, draw)
-        return measure, result
+    def begin(operands: Operands, draw: Draw) -> tuple[None, tuple[Any, Array]]:
+        return None, sample(operands, draw)
 
-    part = Part(begin, lambda result, measure: (result, measure), weights, n, seed)
-    return sample_together([part], operands, lambda _, measure: measure, devices)[0]
+    return sample_together([Part(begin, lambda own, _: own, weights, n, seed)], operands, None, devices)[0]
 
 
 def sample_together(
     parts: Sequence[Part[Operands]],
     operands: Operands,
-    follow: Callable[[Operands, Any], Any],
+    follow: Callable[[Operands, Any], Any] | None,
     devices: tuple[jax.Device, ...],
 ) -> list[Any]:
-    """Return the samples of each part as `sample_guided` does, from one kernel, which has follow's code but once."""
+    """Return the samples of each part as `sample_guided` does: what all parts ask for is found in one kernel.
+
+    follow: gives what is found from what is asked for; None where that is nothing.
+    """
     counts = [-(-part.n // (ROUNDS * LANES)) for part in parts]
 
-    def one_round(weights: list[Array], number: Array) -> tuple[list[Array], Any]:
+    def one_round(weights: list[Array], number: Array) -> tuple[list[Array], list[Any]]:
         guides = [guide_of(x) for x in weights]
-        starts = [(guide, number, part.seed) for guide, part in zip(guides, parts, strict=True)]
-        found = _run(partial(_packet, parts, counts, follow), (operands, starts), sum(counts), devices)
-        results, mixed, first = [], [], 0
-        for part, count, guide, weight, both in zip(parts, counts, guides, weights, found, strict=True):
-            result, measure = jax.tree.map(lambda x, i=first, n=count: x[i : i + n], both)
-            brought = _found(guide, measure.reshape(-1), _shift(jnp.uint32(1), part.seed, weight.dtype)[0])
+        begun = [
+            _drawn(part.begin, operands, (guide, number, part.seed), count, devices)
+            for part, guide, count in zip(parts, guides, counts, strict=True)
+        ]
+        found = [None for _ in parts] if follow is None else _followed(follow, operands, begun, devices)
+        ended = [jax.vmap(jax.vmap(part.end))(x[1], y) for part, x, y in zip(parts, begun, found, strict=True)]
+        mixed = []
+        for part, guide, start, (_, measure) in zip(parts, guides, weights, ended, strict=True):
+            brought = _found(guide, measure.reshape(-1), _shift(jnp.uint32(1), part.seed, start.dtype)[0])
             # Keep half of the first weights: what the pilot missed is still found
-            mixed.append(jnp.where(number == 0, _normalised(weight) + _normalised(brought), weight))
-            results.append(result)
-            first += count
-        return mixed, results
+            mixed.append(jnp.where(number == 0, _normalised(start) + _normalised(brought), start))
+        return mixed, [result for result, _ in ended]
 
     _, results = lax.scan(one_round, [part.weights for part in parts], jnp.arange(ROUNDS + 1, dtype=jnp.int32))
-    return [
-        jax.tree.map(lambda x, count=count: x[1:].reshape(ROUNDS * count * LANES, *x.shape[3:]), result)
-        for count, result in zip(counts, results, strict=True)
-    ]
+    return [jax.tree.map(lambda x: x[1:].reshape(-1, *x.shape[3:]), result) for result in results]
 
 
-def _packet(
-    parts: Sequence[Part[Operands]],
-    counts: list[int],
-    follow: Callable[[Operands, Any], Any],
-    operands: Any,
-    packet: Array,
+def _followed(
+    follow: Callable[[Operands, Any], Any], operands: Operands, begun: list[Any], devices: tuple[jax.Device, ...]
 ) -> list[Any]:
-    """Return what samples give (LANES, …): of each part, though those of the packet's own alone are of use."""
-    rest, starts = operands
-    if len(parts) == 1:
+    """Return what is found, part by part, from what is asked for (packets, LANES, …)."""
+    asked = jax.tree.map(lambda *x: jnp.concatenate(x), *(asked for asked, _ in begun))
 
-        def one(draw: Draw) -> list[Any]:
-            asked, own = parts[0].begin(rest, draw)
-            return [parts[0].end(own, follow(rest, asked))]
+    def packet(operands: tuple[Operands, Any], packet: Array) -> Any:
+        rest, asked = operands
+        return jax.vmap(partial(follow, rest))(jax.tree.map(lambda x: x[packet], asked))
 
-        return _lanes(one, starts[0], packet, counts[0])
-    first = [sum(counts[:i]) for i in range(len(parts))]
-    begun = [jax.jit(partial(_begun, part, count)) for part, count in zip(parts, counts, strict=True)]
-    given = [(rest, start, packet - i) for start, i in zip(starts, first, strict=True)]
-    nothing = [jax.tree.map(_zeros, jax.eval_shape(f, *x)[1]) for f, x in zip(begun, given, strict=True)]
-
-    def of(i: int) -> Callable[[], tuple[Any, list[Any]]]:
-        def own() -> tuple[Any, list[Any]]:
-            asked, drawn = begun[i](*given[i])
-            return asked, [drawn if k == i else x for k, x in enumerate(nothing)]
-
-        return own
-
-    which = sum((packet >= i).astype(jnp.int32) for i in first[1:])
-    asked, drawn = lax.switch(which, [of(i) for i in range(len(parts))])
-    found = jax.vmap(partial(follow, rest))(asked)
-    return [jax.vmap(part.end)(x, found) for part, x in zip(parts, drawn, strict=True)]
-
-
-def _begun(part: Part[Operands], count: int, operands: Operands, start: Any, packet: Array) -> Any:
-    """Return what the samples of one of `count` packets begin with."""
-    return _lanes(lambda draw: part.begin(operands, draw), start, packet, count)
-
-
-def _lanes(f: Callable[[Draw], Any], start: tuple[Guide, Array, Array], packet: Array, count: int) -> Any:
-    """Return f (LANES, …) of what the samples of one of `count` packets are drawn from."""
-
-    def one(lane: Array) -> Any:
-        return f(draw_from(*start, packet * LANES + lane, count * LANES))
-
-    return jax.vmap(one)(jnp.arange(LANES, dtype=jnp.int32))
-
-
-def _zeros(x: jax.ShapeDtypeStruct) -> Array:
-    return jnp.zeros(x.shape, x.dtype)
+    counts = [jax.tree.leaves(asked)[0].shape[0] for asked, _ in begun]
+    found = _run(packet, (operands, asked), sum(counts), devices)
+    ends = [sum(counts[: i + 1]) for i in range(len(counts))]
+    return [jax.tree.map(lambda x, i=end - n, k=end: x[i:k], found) for n, end in zip(counts, ends, strict=True)]
 
 
 def sample_evenly(
@@ -202,12 +165,7 @@ def sample_evenly(
     Where they tell each bin's worth, what few samples find of few bins would only make them uneven.
     """
     packets = -(-n // LANES)
-
-    def packet(operands: tuple[Operands, Any], packet: Array) -> Any:
-        rest, start = operands
-        return _lanes(partial(sample, rest), start, packet, packets)
-
-    results = _run(packet, (operands, (guide_of(weights), jnp.int32(0), seed)), packets, devices)
+    results = _drawn(sample, operands, (guide_of(weights), jnp.int32(0), seed), packets, devices)
     return jax.tree.map(lambda x: x.reshape(packets * LANES, *x.shape[2:]), results)
 
 
@@ -226,6 +184,26 @@ def _found(guide: Guide, measure: Array, offset: Array) -> Array:
     total = jnp.concatenate([jnp.zeros(1, measure.dtype), jnp.cumsum(measure)])
     end = jnp.clip(jnp.ceil(n * guide.cumulative - offset).astype(jnp.int32), 0, n)
     return jnp.maximum(jnp.diff(total[end], prepend=jnp.zeros(1, measure.dtype)), 0)
+
+
+def _drawn(
+    sample: Callable[[Operands, Draw], Any],
+    operands: Operands,
+    start: tuple[Guide, Array, Array],
+    packets: int,
+    devices: tuple[jax.Device, ...],
+) -> Any:
+    """Return what sample(operands, draw) gives (packets, LANES, …). start: as `draw_from` takes it."""
+
+    def packet(operands: tuple[Operands, tuple[Guide, Array, Array]], packet: Array) -> Any:
+        rest, start = operands
+
+        def one(lane: Array) -> Any:
+            return sample(rest, draw_from(*start, packet * LANES + lane, packets * LANES))
+
+        return jax.vmap(one)(jnp.arange(LANES, dtype=jnp.int32))
+
+    return _run(packet, (operands, start), packets, devices)
 
 
 def _run(f: Callable[..., Any], operands: Any, packets: int, devices: tuple[jax.Device, ...]) -> Any:
