@@ -105,6 +105,6 @@ def _changed(plan: Plan, operands: OutlineTables, glance: Glance) -> tuple[Array
 def _crossed(samples: EdgeSamples, found: tuple[Array, Array, Array]) -> tuple[EdgeSamples, Array]:
     """Return samples of a change by 1 with what has changed, and how much that is."""
     change, clear, nowhere = found
-    weight = jnp.where(clear & (samples.weight != 0), samples.weight * change, 0)
+    weight = jnp.where(clear & (samples.weight != 0), samples.weight * change[None], 0)
     pixel = jnp.where(clear, samples.pixel, nowhere)
     return replace(samples, pixel=pixel, weight=weight), jnp.sum(jnp.abs(weight))
