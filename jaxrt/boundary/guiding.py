@@ -55,9 +55,9 @@ class Placed(NamedTuple):
 
 
 class Part(NamedTuple, Generic[Operands]):
-    """Samples of one kind, of several that one kernel draws."""
+    """Samples of one kind, of several for which one kernel finds what they ask for."""
 
-    begin: Callable[[Operands, Draw], tuple[Any, Any]]  # gives what to follow, and what the sample keeps
+    begin: Callable[[Operands, Draw], tuple[Any, Any]]  # gives what a sample asks for, and what it keeps
     end: Callable[[Any, Any], tuple[Any, Array]]  # gives result and measure from what it has kept, and what was found
     weights: Array
     n: int

@@ -58,7 +58,8 @@ def outline_edges(
     None where they are not known of the camera: an outline is that of an eye, however far away.
     """
     lights = scene.lights is not None and scene.lights.have_size
-    if not edges_known(scene.camera) or not (lights or plan.geometry_moves):
+    events = events_seen(scene, plan) if surfaces and not plan.outputs else 0
+    if not edges_known(scene.camera) or not (lights or plan.geometry_moves) or not (camera or events):
         return ()
     tables = tables_of(scene)
     edges = edge_table(scene.triangles) if scene.triangles is not None and plan.geometry_moves else None
@@ -74,7 +75,6 @@ def outline_edges(
 
         weights = seen_weights(tables, outlines, bins, plan.geometry_moves)
         parts.append(Part(by_camera, _crossed, weights, plan.part(1, LIGHTS_ONLY), seed ^ jnp.uint32(1)))
-    events = events_seen(scene, plan) if surfaces and not plan.outputs else 0
     if events:
         lookouts = lookouts_of(plan, tables, outlines, seed, events)
 

@@ -35,7 +35,6 @@ from jaxrt.transport.path import Tables
 TILES = 8  # the picture is divided into so many parts each way, among which a pilot shares the samples
 CANDIDATES = 32  # points of outlines, of which one is taken by how large it looks
 LOOKOUTS = 64
-SHARE = 3  # one of so many boundary samples: each costs as much as several others
 WIDE = 3.0  # radians: a lobe of all directions
 TURNED = 1e-6  # least cosine at which a surface sees anything
 
