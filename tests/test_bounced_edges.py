@@ -15,8 +15,8 @@ from edge_scenes import box, plan, quad, quick_jit
 
 import jaxrt
 from jaxrt.boundary import clearance_of, sample_edges, splat
-from jaxrt.boundary.bounced import bounced_edges
 from jaxrt.boundary.clearance import EdgeSamples, Path, Turn
+from jaxrt.boundary.outlines import bounced_edges
 from jaxrt.boundary.trail import central_ray, path_through, trail_of
 from jaxrt.core.records import Hit, Ray
 from jaxrt.materials import scatter

@@ -13,7 +13,7 @@ from benchmarks.edge_rows import bumps
 from benchmarks.edge_scenes import SCENES, round_mesh
 from benchmarks.ladder import build
 from jaxrt.boundary import clearance_of, sample_edges, splat
-from jaxrt.boundary.bounced import bounced_edges
+from jaxrt.boundary.outlines import bounced_edges
 from jaxrt.boundary.shadows import shadow_edges
 from jaxrt.boundary.silhouettes import Aim
 from jaxrt.core.records import SurfacePoint

@@ -13,11 +13,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxrt.boundary.bounced import bounced_edges
 from jaxrt.boundary.caustics import caustic_edges
 from jaxrt.boundary.clearance import EdgeSamples, clearance_of, splat
 from jaxrt.boundary.lines import line_edges
-from jaxrt.boundary.outlines import camera_edges
+from jaxrt.boundary.outlines import outline_edges
 from jaxrt.boundary.shadows import Plan, shadow_edges
 from jaxrt.boundary.trail import with_trails
 from jaxrt.cameras import Padded
@@ -35,9 +34,9 @@ __all__ = ["EdgeSamples", "Plan", "clearance_of", "edge_tangent", "sample_edges"
 def sample_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
     """Return samples of all edges that move. seed: () uint32."""
     scene = _one_by_one(_with_margin(as_operand(scene), plan.filter))
-    samplers = [shadow_edges, camera_edges, line_edges, bounced_edges, caustic_edges]
+    samplers = [shadow_edges, outline_edges, line_edges, caustic_edges]
     if plan.outputs:
-        samplers = [camera_edges, line_edges]
+        samplers = [outline_edges, line_edges]
     groups = [samples for sampler in samplers for samples in sampler(scene, seed, plan)]
     return tuple(with_trails(tables_of(scene), groups, plan.geometry_moves, plan.devices))
 

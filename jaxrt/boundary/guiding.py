@@ -5,8 +5,9 @@ sum of the bins' weights; places are evenly spaced, so that the error of a hard 
 number serve as the pilot of a quarter their size, at weights of the angle that a bin spans.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -53,6 +54,16 @@ class Placed(NamedTuple):
     density: Array  # () per bin; 0 where nothing can be sampled
 
 
+class Part(NamedTuple, Generic[Operands]):
+    """Samples of one kind, of several for which one kernel finds what they ask for."""
+
+    begin: Callable[[Operands, Draw], tuple[Any, Any]]  # gives what a sample asks for, and what it keeps
+    end: Callable[[Any, Any], tuple[Any, Array]]  # gives result and measure from what it has kept, and what was found
+    weights: Array
+    n: int
+    seed: Array
+
+
 Sample = Callable[[Operands, Draw], tuple[Any, Array]]
 
 
@@ -87,19 +98,58 @@ def sample_guided(
     weights: (b,) >= 0 to begin with. measure: () >= 0, what a sample brings, divided by its density. Results do not
     depend on the devices.
     """
-    packets = -(-n // (ROUNDS * LANES))
 
-    def one_round(weights: Array, number: Array) -> tuple[Array, Any]:
-        guide = guide_of(weights)
-        start = guide, number, seed
-        results, measure = _run(sample, (operands, start), packets, devices)
-        found = _found(guide, measure.reshape(-1), _shift(jnp.uint32(1), seed, weights.dtype)[0])
-        # Keep half of the first weights: what the pilot missed is still found
-        mixed = _normalised(weights) + _normalised(found)
-        return jnp.where(number == 0, mixed, weights), results
+    def begin(operands: Operands, draw: Draw) -> tuple[None, tuple[Any, Array]]:
+        return None, sample(operands, draw)
 
-    _, results = lax.scan(one_round, weights, jnp.arange(ROUNDS + 1, dtype=jnp.int32))
-    return jax.tree.map(lambda x: x[1:].reshape(ROUNDS * packets * LANES, *x.shape[3:]), results)
+    return sample_together([Part(begin, lambda own, _: own, weights, n, seed)], operands, None, devices)[0]
+
+
+def sample_together(
+    parts: Sequence[Part[Operands]],
+    operands: Operands,
+    follow: Callable[[Operands, Any], Any] | None,
+    devices: tuple[jax.Device, ...],
+) -> list[Any]:
+    """Return the samples of each part as `sample_guided` does: what all parts ask for is found in one kernel.
+
+    follow: gives what is found from what is asked for; None where that is nothing.
+    """
+    counts = [-(-part.n // (ROUNDS * LANES)) for part in parts]
+
+    def one_round(weights: list[Array], number: Array) -> tuple[list[Array], list[Any]]:
+        guides = [guide_of(x) for x in weights]
+        begun = [
+            _drawn(part.begin, operands, (guide, number, part.seed), count, devices)
+            for part, guide, count in zip(parts, guides, counts, strict=True)
+        ]
+        found = [None for _ in parts] if follow is None else _followed(follow, operands, begun, devices)
+        ended = [jax.vmap(jax.vmap(part.end))(x[1], y) for part, x, y in zip(parts, begun, found, strict=True)]
+        mixed = []
+        for part, guide, start, (_, measure) in zip(parts, guides, weights, ended, strict=True):
+            brought = _found(guide, measure.reshape(-1), _shift(jnp.uint32(1), part.seed, start.dtype)[0])
+            # Keep half of the first weights: what the pilot missed is still found
+            mixed.append(jnp.where(number == 0, _normalised(start) + _normalised(brought), start))
+        return mixed, [result for result, _ in ended]
+
+    _, results = lax.scan(one_round, [part.weights for part in parts], jnp.arange(ROUNDS + 1, dtype=jnp.int32))
+    return [jax.tree.map(lambda x: x[1:].reshape(-1, *x.shape[3:]), result) for result in results]
+
+
+def _followed(
+    follow: Callable[[Operands, Any], Any], operands: Operands, begun: list[Any], devices: tuple[jax.Device, ...]
+) -> list[Any]:
+    """Return what is found, part by part, from what is asked for (packets, LANES, …)."""
+    asked = jax.tree.map(lambda *x: jnp.concatenate(x), *(asked for asked, _ in begun))
+
+    def packet(operands: tuple[Operands, Any], packet: Array) -> Any:
+        rest, asked = operands
+        return jax.vmap(partial(follow, rest))(jax.tree.map(lambda x: x[packet], asked))
+
+    counts = [jax.tree.leaves(asked)[0].shape[0] for asked, _ in begun]
+    found = _run(packet, (operands, asked), sum(counts), devices)
+    ends = [sum(counts[: i + 1]) for i in range(len(counts))]
+    return [jax.tree.map(lambda x, i=end - n, k=end: x[i:k], found) for n, end in zip(counts, ends, strict=True)]
 
 
 def sample_evenly(
@@ -115,7 +165,7 @@ def sample_evenly(
     Where they tell each bin's worth, what few samples find of few bins would only make them uneven.
     """
     packets = -(-n // LANES)
-    results = _run(sample, (operands, (guide_of(weights), jnp.int32(0), seed)), packets, devices)
+    results = _drawn(sample, operands, (guide_of(weights), jnp.int32(0), seed), packets, devices)
     return jax.tree.map(lambda x: x.reshape(packets * LANES, *x.shape[2:]), results)
 
 
@@ -136,19 +186,31 @@ def _found(guide: Guide, measure: Array, offset: Array) -> Array:
     return jnp.maximum(jnp.diff(total[end], prepend=jnp.zeros(1, measure.dtype)), 0)
 
 
-def _run(sample: Callable[..., Any], operands: Any, packets: int, devices: tuple[jax.Device, ...]) -> Any:
-    """Return what samples give (packets, LANES, …) in one round."""
+def _drawn(
+    sample: Callable[[Operands, Draw], Any],
+    operands: Operands,
+    start: tuple[Guide, Array, Array],
+    packets: int,
+    devices: tuple[jax.Device, ...],
+) -> Any:
+    """Return what sample(operands, draw) gives (packets, LANES, …). start: as `draw_from` takes it."""
 
-    def one_packet(operands: Any, packet: Array) -> Any:
-        rest, (guide, number, seed) = operands
+    def packet(operands: tuple[Operands, tuple[Guide, Array, Array]], packet: Array) -> Any:
+        rest, start = operands
 
         def one(lane: Array) -> Any:
-            return sample(rest, draw_from(guide, number, seed, packet * LANES + lane, packets * LANES))
+            return sample(rest, draw_from(*start, packet * LANES + lane, packets * LANES))
 
         return jax.vmap(one)(jnp.arange(LANES, dtype=jnp.int32))
 
+    return _run(packet, (operands, start), packets, devices)
+
+
+def _run(f: Callable[..., Any], operands: Any, packets: int, devices: tuple[jax.Device, ...]) -> Any:
+    """Return f(operands, packet) (packets, …) of each packet."""
+
     def on_device(operands: Any, packets: Array) -> Any:
-        return jax.tree.map(lambda x: x[None], map_packets(one_packet, operands, packets[0]))
+        return jax.tree.map(lambda x: x[None], map_packets(f, operands, packets[0]))
 
     results = on_devices(on_device, operands, packets, devices)
     return jax.tree.map(

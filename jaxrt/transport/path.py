@@ -157,7 +157,7 @@ def marked(tables: Tables, marks: Array | None) -> Tables:
     return tables if marks is None else replace(tables, materials=with_marks(tables.materials, marks))
 
 
-def walk_along(tables: Tables, ray: Ray, specular: bool) -> Walk:
+def walk_along(tables: Tables, ray: Ray, specular: bool | Array) -> Walk:
     """Return a path that begins with a ray. specular: whether that may see sphere lights, as the camera's rays may."""
     ones = jnp.ones_like(ray.origin)
     pdf = jnp.zeros_like(ones[0]) if tables.materials.are_glossy else None

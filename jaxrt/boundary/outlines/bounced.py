@@ -14,13 +14,12 @@ from jax import Array, lax
 
 from jaxrt.boundary.anchors import occluder_anchors
 from jaxrt.boundary.clearance import EdgeSamples, Path, Turn, beside
-from jaxrt.boundary.guiding import Draw, one_of_both, place, sample_guided
+from jaxrt.boundary.guiding import Draw, one_of_both, place
 from jaxrt.boundary.lookouts import Lookouts, lookouts_at, nearest_lookout, point_seen
-from jaxrt.boundary.outlines import LIGHTS_ONLY, change_across
+from jaxrt.boundary.outlines.across import Glance
 from jaxrt.boundary.shadows import Plan
-from jaxrt.boundary.silhouettes import Rim, Silhouettes, aim_at, edge_table, rim_at
+from jaxrt.boundary.silhouettes import Rim, Silhouettes, aim_at, rim_at
 from jaxrt.boundary.trail import central_ray, through_lens
-from jaxrt.cameras import edges_known
 from jaxrt.core.maths import dot, face_forward, normalize, reflect, safe_divide
 from jaxrt.core.pytree import pytree, where
 from jaxrt.core.records import Ray, SurfacePoint
@@ -31,23 +30,13 @@ from jaxrt.materials import evaluate, numbers_toward, scatter, tells_numbers_at
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, leave, surface_point
 from jaxrt.transport.medium import medium_at
-from jaxrt.transport.path import Tables, Walk, tables_of, walk_along
+from jaxrt.transport.path import Tables
 
 TILES = 8  # the picture is divided into so many parts each way, among which a pilot shares the samples
 CANDIDATES = 32  # points of outlines, of which one is taken by how large it looks
 LOOKOUTS = 64
-SHARE = 3  # one of so many boundary samples: each costs as much as several others
 WIDE = 3.0  # radians: a lobe of all directions
 TURNED = 1e-6  # least cosine at which a surface sees anything
-
-
-@pytree
-class BouncedTables:
-    """What samples of outlines that surfaces see are drawn from."""
-
-    tables: Tables
-    outlines: Silhouettes
-    lookouts: Lookouts
 
 
 @pytree
@@ -107,36 +96,30 @@ class Grazing:
     weight: Array  # (3,) angle that the outline sweeps a unit of clearance, times f cosθ, over its density
 
 
-def bounced_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
-    """Return samples of moving outlines that surfaces see: all, or those of sphere lights alone.
+def events_seen(scene: Scene, plan: Plan) -> int:
+    """Return the number of events from which outlines are looked for.
 
-    None by glossy kinds that do not tell by which numbers they scatter to somewhere.
+    None of glossy kinds that do not tell by which numbers they scatter to somewhere.
     """
-    lights = scene.lights is not None and scene.lights.have_size
-    # After the last event, what is not of single directions sees the sky alone
-    events = plan.max_depth if scene.environment is not None else plan.max_depth - 1
     dark = scene.environment is None and scene.lights is None
-    moves = edges_known(scene.camera) and (lights or plan.geometry_moves)
-    if dark or events == 0 or not scene.materials.see_outlines or not moves:
-        return ()
-    tables = tables_of(scene)
-    edges = edge_table(scene.triangles) if scene.triangles is not None and plan.geometry_moves else None
-    outlines = Silhouettes(tables.geometry.spheres, edges)
-    if outlines.rows == 0:
-        return ()
+    if dark or not scene.materials.see_outlines:
+        return 0
+    # After the last event, what is not of single directions sees the sky alone
+    return plan.max_depth if scene.environment is not None else plan.max_depth - 1
+
+
+def lookouts_of(plan: Plan, tables: Tables, outlines: Silhouettes, seed: Array, events: int) -> Lookouts:
+    """Return what is seen of moving outlines, or of sphere lights alone, from where paths come to."""
     first, creases = 0 if plan.geometry_moves else tables.first_light, plan.max_depth > 1
-    places = _places(tables, seed, events)
-    operands = BouncedTables(tables, outlines, lookouts_at(outlines, places, first, creases))
-    weights = jnp.ones(events * TILES * TILES, places.dtype)
-    n = plan.part(SHARE, LIGHTS_ONLY)
-    sample = partial(_sample, plan, events)
-    return (sample_guided(sample, operands, weights, n, seed ^ jnp.uint32(2), plan.devices),)
+    return lookouts_at(outlines, _places(tables, seed, events), first, creases)
 
 
-def _sample(plan: Plan, events: int, operands: BouncedTables, draw: Draw) -> tuple[EdgeSamples, Array]:
-    """Return one sample, and what it brings."""
-    operands = replace(operands, tables=through_lens(operands.tables, draw.stream))
-    tables, outlines, camera = operands.tables, operands.outlines, operands.tables.camera
+def seen_by_surfaces(
+    plan: Plan, events: int, tables: Tables, outlines: Silhouettes, lookouts: Lookouts, draw: Draw
+) -> tuple[Glance, EdgeSamples]:
+    """Return a surface's look past an outline, and the samples of a change by 1 across it."""
+    tables = through_lens(tables, draw.stream)
+    camera = tables.camera
     # A path from the camera
     placed = once(place)(draw)
     last, tile = placed.bin // (TILES * TILES), placed.bin % (TILES * TILES)
@@ -150,20 +133,15 @@ def _sample(plan: Plan, events: int, operands: BouncedTables, draw: Draw) -> tup
     brings = jnp.sum(arrival.flux) > 0
     eye = jnp.where(brings, once(leave)(point, facing).origin, camera.start((x, y)))
     # From its end past an outline
-    grazing = _grazing(plan, operands, Station(arrival, facing, eye), draw)
+    grazing = _grazing(plan, tables, outlines, lookouts, Station(arrival, facing, eye), draw)
     direction, absorption = normalize(grazing.rim.point - eye), None
     if tables.materials.are_translucent:
         eye = jnp.where(brings, once(leave)(point, direction).origin, eye)
     if arrival.absorption is not None:
         absorption = medium_at(tables.materials, arrival.absorption, point, wo).beyond(direction)
-    rim, onward = grazing.rim, partial(_onward, tables, absorption)
-    # `last` counts from 0, and its ray comes after it
-    gained, clear = change_across(
-        tables, outlines, grazing.row, rim, eye, onward, draw.stream, last + 2, plan.max_depth
-    )
     density = placed.density * draw.total * (TILES * TILES / (camera.width * camera.height))
-    seen = clear & jnp.any(grazing.weight > 0) & (density > 0)
-    weight = jnp.where(seen, arrival.flux * gained * safe_divide(grazing.weight, density), 0)
+    seen = jnp.any(grazing.weight > 0) & (density > 0)
+    weight = jnp.where(seen, arrival.flux * safe_divide(grazing.weight, density), 0)
     column, row = (
         jnp.minimum(x.astype(jnp.int32), camera.width - 1),
         jnp.minimum(y.astype(jnp.int32), camera.height - 1),
@@ -172,9 +150,10 @@ def _sample(plan: Plan, events: int, operands: BouncedTables, draw: Draw) -> tup
     seen_at = None if plan.filter is None else beside(jnp.stack([x, y])[None], plan.filter)
     # How it moves
     anchors = occluder_anchors(outlines, plan.geometry_moves, grazing.row, grazing.t, grazing.rim)
+    # `last` counts from 0, and its ray comes after it
+    glance = Glance(eye, grazing.row, grazing.rim, jnp.zeros((), bool), absorption, draw.stream, last + 2)
     if not plan.geometry_moves:
-        samples = EdgeSamples(pixel[None], weight[None], None, None, (anchors,), place=seen_at)
-        return samples, jnp.sum(jnp.abs(weight))
+        return glance, EdgeSamples(pixel[None], weight[None], None, None, (anchors,), place=seen_at)
     numbers = once(numbers_of_direction)(facing, direction)
     if arrival.glossy is not None:
         coin = independent(draw.stream, 0)[1].astype(eye.dtype)
@@ -183,8 +162,7 @@ def _sample(plan: Plan, events: int, operands: BouncedTables, draw: Draw) -> tup
     change = Ray(factor, grazing.rim.distance * factor)
     turns = _aimed(arrivals.turn, last, numbers)
     path = Path(turns, last, change, jnp.stack([x, y]), lens=camera.lens)
-    samples = EdgeSamples(pixel[None], weight[None], None, None, (anchors,), path=path, place=seen_at)
-    return samples, jnp.sum(jnp.abs(weight))
+    return glance, EdgeSamples(pixel[None], weight[None], None, None, (anchors,), path=path, place=seen_at)
 
 
 def _path(tables: Tables, ray: Ray, stream: Stream, events: int) -> Arrival:
@@ -230,10 +208,12 @@ def _places(tables: Tables, seed: Array, events: int) -> Array:
     return map_packets(packet, (tables, seed), jnp.arange(1, dtype=jnp.int32))[0]
 
 
-def _grazing(plan: Plan, operands: BouncedTables, station: Station, draw: Draw) -> Grazing:
+def _grazing(
+    plan: Plan, tables: Tables, outlines: Silhouettes, lookouts: Lookouts, station: Station, draw: Draw
+) -> Grazing:
     """Return one of several points of outlines, taken by how much of the light that arrives each may change."""
-    outlines, tables, eye = operands.outlines, operands.tables, station.eye
-    start = once(nearest_lookout)(operands.lookouts, eye) * outlines.rows
+    eye = station.eye
+    start = once(nearest_lookout)(lookouts, eye) * outlines.rows
 
     def worth(tables: Tables, station: Station, rim: Rim, row: Array, density: Array) -> Array:
         own = (row == station.arrival.turn.index) & (row < outlines.spheres_count)
@@ -256,7 +236,7 @@ def _grazing(plan: Plan, operands: BouncedTables, station: Station, draw: Draw) 
     def choose(k: Array, best: tuple[Array, Array, Rim, Array, Array]) -> tuple[Array, Array, Rim, Array, Array]:
         """Keep what is there or take point k, by their worth."""
         *chosen, total, coin = best
-        row, t, density = once(drawn)(operands.outlines, operands.lookouts, lobe, k)
+        row, t, density = once(drawn)(outlines, lookouts, lobe, k)
         rim = once(partial(rim_at, creases=plan.max_depth > 1))(outlines, row, t, eye)
         taken, coin, total = one_of_both(coin, once(worth)(tables, station, rim, row, density), total)
         return *where(taken, (row, t, rim), tuple(chosen)), total, coin
@@ -267,11 +247,6 @@ def _grazing(plan: Plan, operands: BouncedTables, station: Station, draw: Draw) 
     row, t, rim, total, _ = lax.fori_loop(0, CANDIDATES, choose, (jnp.int32(0), nothing, none, nothing, coin))
     sent = station.sends(tables, normalize(rim.point - eye))
     return Grazing(row, t, rim, sent * safe_divide(total / CANDIDATES, jnp.mean(sent)))
-
-
-def _onward(tables: Tables, absorption: Array | None, ray: Ray) -> Walk:
-    """Return the path that begins with a surface's ray. absorption: (3,) of what it goes through."""
-    return replace(walk_along(tables, ray, False), absorption=absorption)
 
 
 def _aimed(turns: Turn, last: Array, numbers: tuple[Array, Array]) -> Turn:

@@ -1,153 +1,61 @@
-"""The outlines that the camera sees: where the picture itself changes abruptly.
+"""How much the radiance changes across an outline that an eye, or a surface, looks past.
 
-A unit of clearance of the camera's ray exchanges the radiance inside an outline for that outside. An edge of a mesh
-counts wherever the colour can change across it. On a smooth ball radiance varies like the root of the distance to the
-rim, so the inside is shaded at the rim itself.
+An edge of a mesh counts wherever the colour can change across it. On a smooth ball radiance varies like the root of the
+distance to the rim, so the inside is shaded at the rim itself.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxrt.boundary.anchors import occluder_anchors
-from jaxrt.boundary.clearance import EdgeSamples, ViewRays, beside
-from jaxrt.boundary.guiding import Draw, place, sample_guided
-from jaxrt.boundary.shadows import NUDGE, Plan
-from jaxrt.boundary.silhouettes import Afar, Eye, Rim, Silhouettes, angular_lengths, bins_for, edge_table, rim_at
-from jaxrt.boundary.trail import through_lens
-from jaxrt.cameras import View, edges_known, projection
-from jaxrt.core.maths import dot, normalize, safe_divide, safe_sqrt
+from jaxrt.boundary.shadows import NUDGE
+from jaxrt.boundary.silhouettes import Rim, Silhouettes
+from jaxrt.core.maths import dot, normalize, safe_divide
 from jaxrt.core.pytree import pytree, where
 from jaxrt.core.records import Hit, Ray, Smooth, SurfacePoint
 from jaxrt.core.samplers import Stream, independent
 from jaxrt.kernels.few import where_any
 from jaxrt.kernels.native import once
-from jaxrt.scene import Scene
 from jaxrt.shapes import Geometry, charted_as, find, measured, surface_point
 from jaxrt.shapes.sphere import onto_sphere, sphere_chart, sphere_error
 from jaxrt.shapes.triangle import triangle_point_at
-from jaxrt.transport.outputs import what_is_met
-from jaxrt.transport.path import Tables, Walk, arrive, depart, event_at, looks_at_last, tables_of, walk_along
+from jaxrt.transport.path import Tables, Walk, arrive, depart, event_at, looks_at_last, walk_along
 
 CLOSE = 1e-5  # what hides an outline is nearer by this share of its distance
-LIGHTS_ONLY = 16  # the outlines of lights alone get this part of the samples: they are few and smooth
 
 
 @pytree
-class OutlineTables:
-    """What outline samples are drawn from."""
+class Glance:
+    """A look past a point of an outline."""
 
-    tables: Tables
-    outlines: Silhouettes
-
-
-def camera_edges(scene: Scene, seed: Array, plan: Plan) -> tuple[EdgeSamples, ...]:
-    """Return samples of the outlines that the camera sees move: all of them, or those of sphere lights alone.
-
-    None where they are not known of the camera: an outline is that of an eye, however far away.
-    """
-    if not edges_known(scene.camera):
-        return ()
-    tables = tables_of(scene)
-    edges = edge_table(scene.triangles) if scene.triangles is not None and plan.geometry_moves else None
-    outlines = Silhouettes(tables.geometry.spheres, edges)
-    lights = scene.lights is not None and scene.lights.have_size
-    if outlines.rows == 0 or not (lights or plan.geometry_moves):
-        return ()
-    bins = bins_for(outlines.rows)
-    camera, nothing = tables.camera, jnp.zeros((), scene.dtype)
-    reach = nothing if camera.lens is None else camera.radius
-    weights = angular_lengths(outlines, _eye(camera), reach, True, bins)
-    if not plan.geometry_moves:
-        weights = jnp.where(jnp.arange(weights.shape[0]) >= tables.first_light * bins, weights, 0)
-    n = plan.part(1, LIGHTS_ONLY)
-    operands = OutlineTables(tables, outlines)
-    return (sample_guided(partial(_sample, plan, bins), operands, weights, n, seed ^ jnp.uint32(1), plan.devices),)
+    eye: Array  # (3,) where it comes from
+    row: Array  # () int32 of the outlines
+    rim: Rim
+    sees_lights: Array  # () bool, whether it may see sphere lights
+    absorption: Array | None  # (3,) per unit of length, of what it goes through; None where nothing absorbs
+    stream: Stream
+    first: Array  # () int32 number of its first event
 
 
-def _eye(camera: View) -> Eye:
-    if camera.heading is None:
-        return camera.position
-    nothing = jnp.zeros_like(camera.heading[0])
-    across = camera.start((nothing + camera.width, nothing + camera.height)) - camera.start((nothing, nothing))
-    return Afar(camera.heading, safe_sqrt(dot(across, across)))
-
-
-def _sample(plan: Plan, bins: int, operands: OutlineTables, draw: Draw) -> tuple[EdgeSamples, Array]:
-    """Return one sample, and what it brings."""
-    tables, outlines = through_lens(operands.tables, draw.stream), operands.outlines
-    camera = tables.camera
-    placed = once(place)(draw)
-    row = placed.bin // bins
-    t = ((placed.bin % bins).astype(placed.t.dtype) + placed.t) / bins
-    rim = once(partial(rim_at, creases=True))(outlines, row, t, _eye(camera))
-    view = once(projection)(camera, rim.point)
-    eye = camera.eye(rim.point)
-    if camera.heading is not None:
-        rim = replace(rim, distance=dot(rim.point - eye, camera.heading))
-    # The change of radiance across it
-    change, clear = _changed(plan, tables, outlines, row, rim, eye, draw)
-    density = placed.density * bins * draw.total
-    seen = rim.valid & clear & view.inside & (density > 0)
-    spread = safe_divide(rim.jacobian * view.density, rim.distance * rim.distance * density)
-    weight = jnp.where(seen, change * spread, 0)
-    pixel = jnp.where(seen, view.pixel, camera.width * camera.height)
-    occluder = occluder_anchors(outlines, plan.geometry_moves, row, t, rim)
-    facing = jnp.where(seen, rim.normal, 0)
-    rays = None
-    if plan.geometry_moves:
-        rays = ViewRays(view.image, facing, jnp.where(seen, view.depth, 0) * facing, camera.lens)
-    seen_at = beside(view.image[None], plan.filter)
-    samples = EdgeSamples(pixel[None], weight[None], None, rays, (occluder,), place=seen_at)
-    return samples, jnp.sum(jnp.abs(weight))
-
-
-def _changed(
-    plan: Plan, tables: Tables, outlines: Silhouettes, row: Array, rim: Rim, eye: Array, draw: Draw
-) -> tuple[Array, Array]:
-    """Return how much more radiance, or of the outputs, there is just outside an outline, and whether nothing hides it.
-
-    Both sides use the same random numbers, so that equal surfaces cancel.
-    """
-    if not plan.outputs:
-        camera = partial(walk_along, tables, specular=True)
-        return change_across(tables, outlines, row, rim, eye, camera, draw.stream, jnp.int32(1), plan.max_depth)
-    starts, clear = both_sides(tables, outlines, row, rim, eye)
-    both = jax.vmap(partial(what_is_met, plan.outputs, tables))(*starts)
-    return both[0] - both[1], clear
-
-
-def change_across(
-    tables: Tables,
-    outlines: Silhouettes,
-    row: Array,
-    rim: Rim,
-    eye: Array,
-    start: Callable[[Ray], Walk],
-    stream: Stream,
-    first: Array,
-    max_depth: int,
-) -> tuple[Array, Array]:
+def change_across(tables: Tables, outlines: Silhouettes, glance: Glance, max_depth: int) -> tuple[Array, Array]:
     """Return how much more radiance (3,) there is just outside an outline than just inside, and whether it shows.
 
-    start: gives the path that begins with a ray. first: () int32 number of its first event. One loop finds what these
-    rays meet and what all later ones do, for a search is dear to compile.
+    Both sides use the same random numbers, so that equal surfaces cancel. One loop finds what these rays meet and what
+    all later ones do, for a search is dear to compile.
     """
-    looks = looks_at_last(tables)
+    looks, row, rim = looks_at_last(tables), glance.row, glance.rim
 
     def event(k: Array, state: tuple[Walk, Array]) -> tuple[Walk, Array]:
         walks, clear = state
         hits = jax.vmap(once(find), in_axes=(None, 0, 0))(tables.geometry, walks.ray, walks.alive)
         points = jax.vmap(once(surface_point), in_axes=(None, 0, 0))(tables.geometry, walks.ray, hits)
-        begins = k == first
+        begins = k == glance.first
         operands = begins, clear, tables.geometry, outlines, row, rim, (walks.ray, hits, points)
         (rays, hits, points), clear = where_any(begins, _begun, lambda *x: (x[-1], x[1]), *operands)
-        u = tuple(x.astype(eye.dtype) for x in independent(stream, k))
+        u = tuple(x.astype(glance.eye.dtype) for x in independent(glance.stream, k))
 
         def onward(walk: Walk, hit: Hit, point: SurfacePoint) -> Walk:
             if not looks:
@@ -158,8 +66,12 @@ def change_across(
 
         return jax.vmap(onward)(replace(walks, ray=rays), hits, points), clear
 
-    walks = jax.vmap(start)(_rays_past(rim, eye))
-    walks, clear = lax.fori_loop(first, max_depth + 1 + looks, event, (walks, jnp.zeros((), bool)))
+    def start(ray: Ray) -> Walk:
+        walk = walk_along(tables, ray, glance.sees_lights)
+        return walk if glance.absorption is None else replace(walk, absorption=glance.absorption)
+
+    walks = jax.vmap(start)(_rays_past(rim, glance.eye))
+    walks, clear = lax.fori_loop(glance.first, max_depth + 1 + looks, event, (walks, jnp.zeros((), bool)))
     return walks.radiance[0] - walks.radiance[1], clear
 
 
