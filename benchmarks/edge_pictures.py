@@ -46,6 +46,7 @@ SHEETS = {
 }
 COLUMNS = "the picture", "finite differences", "without edges", "with edges"
 SPP = 256  # of the picture
+ROOM = 1.2  # of the colours, beyond what all but a hundredth of the finite differences need
 INCH, MARGIN, HEAD, GAP = 1.8, 1.6, 0.28, 0.06  # of a picture, of the words beside it, above all, and between
 DPI = 110
 
@@ -74,27 +75,35 @@ def _sheet(path: Path, results: Sequence[Result]) -> None:
     figure = pyplot.figure(figsize=(across, down))
     for line, found in enumerate(results):
         bottom = down - HEAD - (line + 1) * (INCH + GAP) + GAP
-        limit = float(np.percentile(np.abs(found.pictures[0].mean(-1)), 99.5))
-        shown = _shown(found.row), *(picture.mean(-1) for picture in found.pictures)
-        for column, (picture, title) in enumerate(zip(shown, COLUMNS, strict=True)):
+        slopes = [picture.mean(-1) for picture in found.pictures]
+        size = np.abs(slopes[0])
+        part = _where(size > np.percentile(size, 99.5) / 50)
+        limit = ROOM * float(np.percentile(size[part], 99))
+        pictures = _shown(found.row, part), *(slope[part] for slope in slopes)
+        for column, (picture, title) in enumerate(zip(pictures, COLUMNS, strict=True)):
             left = MARGIN + column * (INCH + GAP)
             axis = figure.add_axes((left / across, bottom / down, INCH / across, INCH / down))
             axis.imshow(picture, cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest")
             axis.set(xticks=[], yticks=[])
             if line == 0:
                 axis.set_title(title, fontsize=9, pad=4)
-        words = "\n".join((*wrap(found.row.name, 22), "", *_told(found), f"colours: ± {limit:.2g}"))
+        words = "\n".join((*wrap(found.row.name, 24), "", f"from {-limit:.2g} to {limit:.2g}"))
         figure.text(0.05 / across, (bottom + INCH / 2) / down, words, fontsize=8, va="center")
     write_whole(path, lambda file: figure.savefig(file, format="png", dpi=DPI))
     pyplot.close(figure)
 
 
-def _told(found: Result) -> tuple[str, str, str]:
-    """Return how far derivatives without edges and with them are off."""
-    return "off without edges:", f"{found.interior:.3f}; with them:", f"{found.error:.4f} ± {found.noise:.4f}"
+def _where(changes: np.ndarray) -> tuple[slice, slice]:
+    """Return a square part of the picture, at least a quarter of its side, with all that changes and some around it."""
+    spans = [np.flatnonzero(changes.any(axis)) for axis in (1, 0)]
+    half = max(max(span[-1] - span[0] for span in spans) / 2 + 3, len(changes) / 8)
+    starts = [max(0, int((span[0] + span[-1]) / 2 + 0.5 - half)) for span in spans]
+    side = min(int(2 * half), len(changes))
+    starts = [min(start, len(changes) - side) for start in starts]
+    return slice(starts[0], starts[0] + side), slice(starts[1], starts[1] + side)
 
 
-def _shown(row: Row) -> np.ndarray:
-    """Return the picture that is differentiated, as screens show it, its brightest hundredth white."""
-    picture = np.asarray(jax.jit(lambda key: view(row, built(row), key, SPP))(0))
+def _shown(row: Row, part: tuple[slice, slice]) -> np.ndarray:
+    """Return a part of the picture that is differentiated, as screens show it, its brightest hundredth white."""
+    picture = np.asarray(jax.jit(lambda key: view(row, built(row), key, SPP))(0))[part]
     return np.clip(picture / max(float(np.percentile(picture, 99)), 1e-6), 0, 1) ** (1 / 2.2)
