@@ -30,8 +30,6 @@ SHEETS = {
         "room of balls, fov",
         "two boxes that overlap, x",
         "two boxes that overlap, y",
-        "ball in a corner, indirect part, depth 3, x",
-        "ball in a corner, indirect part, depth 3, y",
     ),
     "edges-mirrors": (
         "mirror ball, ball x",
@@ -39,9 +37,6 @@ SHEETS = {
         "mirror ball, camera x",
         "flat mirror, ball x",
         "flat mirror, camera x",
-        "glass ball, ball x",
-        "glass ball, light x",
-        "glass ball, ior",
     ),
 }
 COLUMNS = "the picture", "finite differences", "without edges", "with edges"
