@@ -379,7 +379,7 @@ def chain_rows() -> list[Row]:
         Row("mirror ball, camera x", "mirror ball", "camera.position", "x", 0.05, 0.05, 2, fd_spp=chance),
         Row("flat mirror, ball x", "flat mirror", ball, "x", 0.05, 0.03, 3),
         Row("flat mirror, ball radius", "flat mirror", "spheres.radius[ball]", "one", 0.05, 0.03, 3),
-        Row("flat mirror, camera x", "flat mirror", "camera.position", "x", 0.05, 0.015, 3),
+        Row("flat mirror, camera x", "flat mirror", "camera.position", "x", 0.05, 0.01, 3),
         Row("glass ball, ball x", "glass ball", ball, "x", 0.05, 0.025, 4, fd_spp=chance),
         Row("glass ball, light x", "glass ball", "lights.position[0]", "x", 0.05, far, 4, fd_spp=chance),
         Row("glass ball, ior", "glass ball", "materials.ior[0]", "one", 0.1, 0.008, 4, fd_spp=chance),

@@ -13,6 +13,8 @@ import pytest
 from PIL import Image
 
 import jaxrt
+from benchmarks.edge_pictures import SHEETS
+from benchmarks.edge_scenes import rows
 from jaxrt.cli import main
 from jaxrt.core.system import usable_cores
 from jaxrt.description import fields
@@ -96,6 +98,14 @@ def test_derivatives_snippet(monkeypatch: pytest.MonkeyPatch) -> None:
     exec(snippet, names)
     # The target lies in the direction of the three axes
     assert names["loss"] > 0 and names["slope"]["lights.position"].sum() < 0
+
+
+def test_derivatives_page_shows_rows_of_the_benchmark() -> None:
+    page, known = (ROOT / "docs/derivatives.md").read_text(), [row.name for row in rows()]
+    for sheet, names in SHEETS.items():
+        assert f"({sheet}.png)" in page and set(names) <= set(known)
+        with Image.open(ROOT / f"docs/{sheet}.png") as picture:
+            assert picture.width <= 1000 and picture.height > 100 * len(names)
 
 
 def test_compiling_snippet(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -117,8 +117,11 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> EdgeSamples:
     search = search_along(plan, tables, line, numbers, coin, chosen)
     looks, lamp = jax.tree.map(lambda *x: jnp.stack(x), *search.ends), search.lamp
     edge = once(partial(_edge, plan))(tables, line, search.lamp, looks)
+    # Nearer to where surfaces cross, rounding puts what is met behind the other: in its shadow. Rims are shaded as they
+    # are at the very edge
+    aside = jnp.where(edge.place.crossing, _aside(tables, line), 0)
     # Both use the same random numbers, so that equal surfaces cancel
-    rays = jax.vmap(partial(ray_at, camera, line))(looks.place)
+    rays = jax.vmap(partial(ray_at, camera, line))(looks.place + jnp.stack([-aside, aside]))
     light = lax.map(partial(_seen, plan, tables, numbers), rays)
     jump = light[1] - light[0]
     if lamp is not None:
@@ -153,6 +156,11 @@ def _seen(plan: Plan, tables: Tables, numbers: Numbers, ray: Ray) -> Array:
     return radiance(tables, ray, numbers, plan.max_depth, False)
 
 
+def _aside(tables: Tables, line: Line) -> float:
+    """Return how far beside a place rays are sure to meet what lies on that side, in pixels."""
+    return ASIDE + 16 * unit_roundoff(line.start) * tables.camera.width
+
+
 def _edge(plan: Plan, tables: Tables, line: Line, lamp: Lamp | None, looks: Look) -> Edge:
     """Return what ends between two looks (2,)."""
     chains = looks.chain
@@ -167,8 +175,8 @@ def _edge(plan: Plan, tables: Tables, line: Line, lamp: Lamp | None, looks: Look
     rays, met = jax.tree.map(lambda x: x[:, at], (chains.turns.ray, chains.met))
     valid = (event < length) & jnp.all(met != ENDED)
     is_shadow = jnp.zeros((), bool)
-    own = ASIDE + 16 * unit_roundoff(line.start) * tables.camera.width
-    margin = tuple(ray_at(tables.camera, line, s) for s in (looks.place[0] - own, looks.place[1] + own))
+    aside = _aside(tables, line)
+    margin = tuple(ray_at(tables.camera, line, s) for s in (looks.place[0] - aside, looks.place[1] + aside))
     beyond = tuple(
         jax.tree.map(lambda x, y, i=i: jnp.where(event == 0, x, y[i]), ray, rays) for i, ray in enumerate(margin)
     )

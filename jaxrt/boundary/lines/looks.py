@@ -23,7 +23,7 @@ from jaxrt.materials import Materials
 from jaxrt.transport.path import Tables
 
 WITHIN = LENS + 1  # block of random numbers that choose a place, and where to look next
-DIM = 0.1  # where lights alone move, weight of the edges of shadows: lights that are seen are as much brighter
+DIM = 0.1  # weight of other edges beside those of lights that are seen: these are as much brighter
 FAINT = 0.04  # weight of a difference that another sampler has, in all likelihood
 
 
@@ -87,10 +87,15 @@ def differs(a: Look, b: Look) -> Array:
     return jnp.any(a.chain.met != b.chain.met) | jnp.any(a.lit != b.lit)
 
 
+def brightest(plan: Plan) -> float:
+    """Return what the edge of a light that is seen is worth."""
+    return 1 / DIM if plan.geometry_moves else 1.0
+
+
 def interest(plan: Plan, tables: Tables, line: Line, looks: tuple[Look, Look]) -> Array:
     """Return 0 where two looks are alike, 1 where they differ by what is sampled here, FAINT where hardly so.
 
-    Where lights alone move, DIM for the edge of a shadow.
+    Of a light that is seen, 1/DIM; where lights alone move, 1, and DIM for the edge of a shadow.
     """
 
     def worth(tables: Tables, line: Line, looks: tuple[Look, Look]) -> Array:
@@ -105,10 +110,12 @@ def interest(plan: Plan, tables: Tables, line: Line, looks: tuple[Look, Look]) -
         adjoins = (jnp.min(pair) >= 0) & ~crosses
         beyond_it = jnp.any(a.chain.met[1:] != b.chain.met[1:]) | jnp.any(a.lit != b.lit)
         others = (pair[0] != pair[1]) & ~jnp.where(adjoins, beyond_it, meet & crosses)
+        by_light = part_by_light(tables, a.chain, b.chain)
         if not plan.geometry_moves:
-            others = others | ~part_by_light(tables, a.chain, b.chain)
-        bright = plan.geometry_moves | jnp.any(a.chain.met != b.chain.met)
-        return jnp.where(others, FAINT, jnp.where(bright, 1, DIM)).astype(line.start.dtype)
+            others = others | ~by_light
+        bright = by_light & jnp.any(a.chain.met != b.chain.met)
+        worth = brightest(plan)
+        return jnp.where(others, FAINT, jnp.where(bright, worth, DIM * worth)).astype(line.start.dtype)
 
     apart = differs(*looks)
     found = where_any(apart, worth, lambda _, line, looks: jnp.zeros_like(line.start[0]), tables, line, looks)

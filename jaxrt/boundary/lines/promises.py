@@ -13,7 +13,18 @@ from jax import Array, lax
 
 from jaxrt.boundary.lines.chains import Lamp, Numbers, lamp_middle
 from jaxrt.boundary.lines.lamps import shows_lamp
-from jaxrt.boundary.lines.looks import FAINT, Look, goes_on, has_shadows, interest, is_lit, line_at, look_at, numbers_of
+from jaxrt.boundary.lines.looks import (
+    FAINT,
+    Look,
+    brightest,
+    goes_on,
+    has_shadows,
+    interest,
+    is_lit,
+    line_at,
+    look_at,
+    numbers_of,
+)
 from jaxrt.boundary.shadows import Plan
 from jaxrt.boundary.trail import through_lens
 from jaxrt.core.samplers import LAST, Stream
@@ -134,5 +145,5 @@ def _compared(plan: Plan, tables: Tables, corners: Array, looks: Look) -> Array:
     if goes_on(plan, tables.materials):
         three = jax.tree.map(lambda *x: jnp.stack(x, 1), looks.chain, both[0].chain, both[1].chain)
         shown = jax.vmap(partial(shows_lamp, tables))(three).reshape(TILE)[:-1, :-1]
-        found = jnp.where(shown, 1, found)
+        found = jnp.where(shown, brightest(plan), found)
     return found
