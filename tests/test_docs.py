@@ -5,6 +5,7 @@ import runpy
 import shlex
 import tomllib
 import warnings
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import pytest
 from PIL import Image
 
 import jaxrt
+from benchmarks.choices import lights, spheres, triangles
 from benchmarks.edge_pictures import SHEETS
 from benchmarks.edge_scenes import rows
 from jaxrt.cli import main
@@ -106,6 +108,12 @@ def test_derivatives_page_shows_rows_of_the_benchmark() -> None:
         assert f"({sheet}.png)" in page and set(names) <= set(known)
         with Image.open(ROOT / f"docs/{sheet}.png") as picture:
             assert picture.width <= 1000 and picture.height > 100 * len(names)
+
+
+@pytest.mark.parametrize("choice", [lights, spheres, triangles], ids=lambda choice: choice.NAME)
+def test_design_choices_are_made_against_what_takes_the_same(choice: Any) -> None:
+    for module, name, other in (swap for swaps in choice.SWAPS.values() for swap in swaps):
+        assert [*signature(getattr(module, name)).parameters] == [*signature(other).parameters]
 
 
 def test_compiling_snippet(monkeypatch: pytest.MonkeyPatch) -> None:
