@@ -17,6 +17,7 @@ import jaxrt
 from benchmarks.choices import lights, spheres, triangles
 from benchmarks.edge_pictures import SHEETS, size_of
 from benchmarks.edge_scenes import rows
+from jaxrt.boundary import caustics, lines, outlines, shadows
 from jaxrt.cli import main
 from jaxrt.core.system import usable_cores
 from jaxrt.description import fields
@@ -100,6 +101,17 @@ def test_derivatives_snippet(monkeypatch: pytest.MonkeyPatch) -> None:
     exec(snippet, names)
     # The target lies in the direction of the three axes
     assert names["loss"] > 0 and names["slope"]["lights.position"].sum() < 0
+
+
+def test_derivatives_page_tells_how_many_samples_each_kind_of_edge_has() -> None:
+    page = " ".join((ROOT / "docs/derivatives.md").read_text().split())
+    for told in (
+        f"n/{outlines.SHARE} for outlines that surfaces see by scattered rays and n/{lines.SHARE} for those that are",
+        f"n/{shadows.LIGHTS_ONLY} for shadows if a light has a size, n/{caustics.LIGHTS_ONLY} for caustics,",
+        f"n/{outlines.LIGHTS_ONLY} for outlines and n/{lines.LIGHTS_ONLY} for lines. Of lines there are at least "
+        f"{lines.LEAST}, or n.",
+    ):
+        assert told in page
 
 
 def test_derivatives_page_shows_rows_of_the_benchmark() -> None:
