@@ -51,6 +51,16 @@ def drawn(row: Row) -> bool:
     return any(row.name in names for names in SHEETS.values())
 
 
+def size_of(lines: int) -> tuple[int, int]:
+    """Return the columns and rows of a sheet of so many lines."""
+    across, down = _inches(lines)
+    return int(across * DPI), int(down * DPI)
+
+
+def _inches(lines: int) -> tuple[float, float]:
+    return MARGIN + len(COLUMNS) * (INCH + GAP), HEAD + lines * (INCH + GAP)
+
+
 def draw(folder: Path, results: Sequence[Result]) -> None:
     """Save the sheets that have one of these rows, as far as they have them."""
     for sheet, names in SHEETS.items():
@@ -66,7 +76,7 @@ def _sheet(path: Path, results: Sequence[Result]) -> None:
     matplotlib.use("agg")
     from matplotlib import pyplot
 
-    across, down = MARGIN + len(COLUMNS) * (INCH + GAP), HEAD + len(results) * (INCH + GAP)
+    across, down = _inches(len(results))
     figure = pyplot.figure(figsize=(across, down))
     for line, found in enumerate(results):
         bottom = down - HEAD - (line + 1) * (INCH + GAP) + GAP

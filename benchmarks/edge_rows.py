@@ -40,7 +40,7 @@ class Reference(NamedTuple):
     """What a derivative is compared with."""
 
     near: Pictures  # finite differences
-    wide: Pictures  # of steps twice as long, by the first keys
+    wide: Pictures  # of steps twice as long, by the first of every FD_BATCH keys
     interior: Pictures  # without edges
 
 
@@ -172,8 +172,8 @@ class References:
         while len(found.near) < self.keys and _wants_more(row, found):
             first = FD_FIRST + len(found.near)
             near = [difference(row, row.step, first + i) for i in range(FD_BATCH)]
-            wide = [difference(row, 2 * row.step, first + i) for i in range(0, FD_BATCH, 4)]
-            found = Reference(np.stack([*found.near, *near]), np.stack([*found.wide, *wide]), found.interior)
+            wide = difference(row, 2 * row.step, first)
+            found = Reference(np.stack([*found.near, *near]), np.stack([*found.wide, wide]), found.interior)
             self._write(name, found)
         return found
 

@@ -5,6 +5,7 @@ import runpy
 import shlex
 import tomllib
 import warnings
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,10 @@ import pytest
 from PIL import Image
 
 import jaxrt
-from benchmarks.edge_pictures import SHEETS
+from benchmarks.choices import lights, spheres, triangles
+from benchmarks.edge_pictures import SHEETS, size_of
 from benchmarks.edge_scenes import rows
+from jaxrt.boundary import caustics, lines, outlines, shadows
 from jaxrt.cli import main
 from jaxrt.core.system import usable_cores
 from jaxrt.description import fields
@@ -100,12 +103,29 @@ def test_derivatives_snippet(monkeypatch: pytest.MonkeyPatch) -> None:
     assert names["loss"] > 0 and names["slope"]["lights.position"].sum() < 0
 
 
+def test_derivatives_page_tells_how_many_samples_each_kind_of_edge_has() -> None:
+    page = " ".join((ROOT / "docs/derivatives.md").read_text().split())
+    for told in (
+        f"n/{outlines.SHARE} for outlines that surfaces see by scattered rays and n/{lines.SHARE} for those that are",
+        f"n/{shadows.LIGHTS_ONLY} for shadows if a light has a size, n/{caustics.LIGHTS_ONLY} for caustics,",
+        f"n/{outlines.LIGHTS_ONLY} for outlines and n/{lines.LIGHTS_ONLY} for lines. Of lines there are at least "
+        f"{lines.LEAST}, or n.",
+    ):
+        assert told in page
+
+
 def test_derivatives_page_shows_rows_of_the_benchmark() -> None:
     page, known = (ROOT / "docs/derivatives.md").read_text(), [row.name for row in rows()]
     for sheet, names in SHEETS.items():
         assert f"({sheet}.png)" in page and set(names) <= set(known)
         with Image.open(ROOT / f"docs/{sheet}.png") as picture:
-            assert picture.width <= 1000 and picture.height > 100 * len(names)
+            assert picture.size == size_of(len(names))  # all of them are drawn
+
+
+@pytest.mark.parametrize("choice", [lights, spheres, triangles], ids=lambda choice: choice.NAME)
+def test_design_choices_are_made_against_what_takes_the_same(choice: Any) -> None:
+    for module, name, other in (swap for swaps in choice.SWAPS.values() for swap in swaps):
+        assert [*signature(getattr(module, name)).parameters] == [*signature(other).parameters]
 
 
 def test_compiling_snippet(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -37,8 +37,12 @@ def test_shear_takes_the_longest_axis_and_turns_the_ray_to_z():
     rng, n = np.random.default_rng(0), 1000
     d = unit_vectors(rng, n).astype(np.float32)
     assert np.array_equal(jax.jit(jax.vmap(main_axis))(d), np.argmax(np.abs(d), 1))
+
     # A point on the ray is at (0, 0, its distance)
-    x, y, z = jax.jit(jax.vmap(lambda d: triangle.sheared((2 * d)[None], Ray(jnp.zeros(3), d))[0]))(d)
+    def seen(d):
+        return triangle.sheared((2 * d)[None], triangle.sight_of(Ray(jnp.zeros(3), d)))[0]
+
+    x, y, z = jax.jit(jax.vmap(seen))(d)
     assert np.abs(x).max() <= 4 * U and np.abs(y).max() <= 4 * U and np.allclose(z, 2, rtol=4 * U)
 
 

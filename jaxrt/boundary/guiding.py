@@ -1,8 +1,8 @@
-"""Spread samples along all outlines: by a pilot's finding where they matter, evenly within.
+"""Spread samples along all outlines, or over pixels or candidates: where a pilot finds that they matter, else evenly.
 
-Outlines are cut into bins. A sample's place v in [0, 1) chooses a bin, and the place within, through the cumulative
-sum of the bins' weights; places are evenly spaced, so that the error of a hard shadow falls like 1/n. Samples of equal
-number serve as the pilot of a quarter their size, at weights of the angle that a bin spans.
+All is cut into bins. A sample's place v in [0, 1) chooses a bin, and the place within, through the cumulative sum of
+the bins' weights; places are evenly spaced, so that the error of a hard shadow falls like 1/n. A pilot of a quarter as
+many samples goes first, at weights of the angle that a bin spans; none does where the weights tell each bin's worth.
 """
 
 from collections.abc import Callable, Sequence
@@ -47,7 +47,7 @@ class Draw(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """A place on the outlines."""
+    """A place in one of the bins."""
 
     bin: Array  # () int32
     t: Array  # () place within the bin, in [0, 1)
@@ -68,7 +68,7 @@ Sample = Callable[[Operands, Draw], tuple[Any, Array]]
 
 
 def place(draw: Draw) -> Placed:
-    """Return where on the outlines a sample lies."""
+    """Return in which bin a sample lies, and where."""
     cumulative = draw.guide.cumulative
     last = cumulative.shape[0] - 1
     chosen = jnp.minimum(jnp.searchsorted(cumulative, draw.place, side="right"), last).astype(jnp.int32)
@@ -147,7 +147,7 @@ def _followed(
         return jax.vmap(partial(follow, rest))(jax.tree.map(lambda x: x[packet], asked))
 
     counts = [jax.tree.leaves(asked)[0].shape[0] for asked, _ in begun]
-    found = _run(packet, (operands, asked), sum(counts), devices)
+    found = of_packets(packet, (operands, asked), sum(counts), devices)
     ends = [sum(counts[: i + 1]) for i in range(len(counts))]
     return [jax.tree.map(lambda x, i=end - n, k=end: x[i:k], found) for n, end in zip(counts, ends, strict=True)]
 
@@ -203,13 +203,15 @@ def _drawn(
 
         return jax.vmap(one)(jnp.arange(LANES, dtype=jnp.int32))
 
-    return _run(packet, (operands, start), packets, devices)
+    return of_packets(packet, (operands, start), packets, devices)
 
 
-def _run(f: Callable[..., Any], operands: Any, packets: int, devices: tuple[jax.Device, ...]) -> Any:
-    """Return f(operands, packet) (packets, …) of each packet."""
+def of_packets(
+    f: Callable[[Operands, Array], Any], operands: Operands, packets: int, devices: tuple[jax.Device, ...]
+) -> Any:
+    """Return f(operands, packet) (packets, …) of each packet, wherever it is computed."""
 
-    def on_device(operands: Any, packets: Array) -> Any:
+    def on_device(operands: Operands, packets: Array) -> Any:
         return jax.tree.map(lambda x: x[None], map_packets(f, operands, packets[0]))
 
     results = on_devices(on_device, operands, packets, devices)

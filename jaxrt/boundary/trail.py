@@ -7,21 +7,20 @@ found backwards, event by event, without reading more of the scene than the surf
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.boundary.clearance import Bends, EdgeSamples, Path, Trail, Turn, ViewRays
-from jaxrt.boundary.guiding import LANES
+from jaxrt.boundary.guiding import LANES, of_packets
 from jaxrt.cameras import Projection, View
 from jaxrt.core.maths import dot, face_forward, grad_only, normalize, safe_divide
 from jaxrt.core.pytree import pytree, where
 from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.core.samplers import LAST, Stream, independent
 from jaxrt.core.sampling import numbers_of_direction
-from jaxrt.kernels.native import map_packets, on_devices, once
+from jaxrt.kernels.native import once
 from jaxrt.materials import Materials, numbers_toward, scatter, single
 from jaxrt.shapes import Geometry, leave, surface_point
 from jaxrt.shapes.sphere import SphereTable
@@ -160,11 +159,8 @@ def with_trails(
         lanes = jax.tree.map(lambda x: x.reshape(count, LANES, *x.shape[1:])[packet], paths)
         return jax.vmap(partial(trail_of, tables, shapes_move=shapes_move))(lanes)
 
-    def on_device(operands: tuple[Tables, Path], packets: Array) -> Any:
-        return jax.tree.map(lambda x: x[None], map_packets(one_packet, operands, packets[0]))
-
-    found = on_devices(on_device, (tables, paths), count, devices)
-    found = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1).reshape(-1, *x.shape[3:])[: count * LANES], found)
+    found = of_packets(one_packet, (tables, paths), count, devices)
+    found = jax.tree.map(lambda x: x.reshape(count * LANES, *x.shape[2:]), found)
     done, start = [], 0
     for samples in groups:
         if samples.path is None:

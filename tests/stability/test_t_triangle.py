@@ -17,6 +17,7 @@ from jaxrt.shapes.triangle import (
     corner_table,
     find_triangle,
     sheared,
+    sight_of,
     triangle_surface_point,
     triangle_table,
 )
@@ -223,7 +224,7 @@ def first_and_count(corners):
 
     def one(o, d):
         def hit(i, count):
-            return count + (hit_distance(sheared(table.corners[i], Ray(o, d))) < FAR).astype(jnp.int32)
+            return count + (hit_distance(sheared(table.corners[i], sight_of(Ray(o, d)))) < FAR).astype(jnp.int32)
 
         count = lax.fori_loop(0, len(corners), hit, jnp.int32(0))
         return find_triangle(table, Ray(o, d), jnp.full((), FAR))[1], count

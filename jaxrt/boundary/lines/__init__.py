@@ -25,14 +25,7 @@ from jaxrt.boundary.guiding import LANES, Draw, Guide, guide_of, place, sample_e
 from jaxrt.boundary.lines.between import Place, place_between
 from jaxrt.boundary.lines.candidates import RATIO, candidate, choices
 from jaxrt.boundary.lines.chains import ENDED, Lamp, Numbers, blocker, is_light, sent_by
-from jaxrt.boundary.lines.looks import (
-    WITHIN,
-    Line,
-    Look,
-    goes_on,
-    numbers_of,
-    ray_at,
-)
+from jaxrt.boundary.lines.looks import WITHIN, Line, Look, goes_on, numbers_of, ray_at
 from jaxrt.boundary.lines.promises import promises
 from jaxrt.boundary.lines.search import Chosen, search_along
 from jaxrt.boundary.shadows import Plan
@@ -46,7 +39,7 @@ from jaxrt.scene import Scene
 from jaxrt.transport.outputs import first_met
 from jaxrt.transport.path import Tables, radiance, tables_of
 
-ASIDE = 1e-3  # pixels: as near to its border no triangle is taken to cross another; what touches does not cross
+ASIDE = 1e-3  # pixels: as near to its border no triangle is taken to cross another, for what touches does not cross
 SHARE = 8  # one of so many boundary samples is a line: each costs as much as several others
 LIGHTS_ONLY = 96  # the same where lights alone move: they show, and cast shadows, in a small part of the picture
 LEAST = 512  # samples of them, or all: from few candidates most pixels with an edge would have none
@@ -111,7 +104,7 @@ def _sample(plan: Plan, operands: LineTables, draw: Draw) -> EdgeSamples:
     camera, placed = operands.tables.camera, once(place)(draw)
     chosen = jax.tree.map(lambda x: x[placed.bin], operands.chosen)
     count = operands.chosen.worth.shape[0]
-    line, stream, pixel, density = candidate(operands.tables, operands.pixels, placed.bin, count, operands.seed)
+    line, stream, pixel, density = candidate(camera, operands.pixels, placed.bin, count, operands.seed)
     tables = through_lens(operands.tables, stream)
     numbers, (coin, *_) = numbers_of(stream, tables.dtype), numbers_of(draw.stream, tables.dtype)(WITHIN)
     search = search_along(plan, tables, line, numbers, coin, chosen)

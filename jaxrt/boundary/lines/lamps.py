@@ -25,8 +25,6 @@ def shows_lamp(tables: Tables, chains: Chain) -> Array:
     lights = None if tables.lights is None else tables.lights.lights
     if lights is None or lights.radius is None or lights.radius.shape[0] > FEW:
         return jnp.zeros((), bool)
-    if chains.met.shape[1] == 1:
-        return jnp.zeros((), bool)
 
     def nowhere(_: Any, __: Chain) -> Array:
         return jnp.zeros((), bool)

@@ -1,7 +1,7 @@
 """In which pixels lines are likely to meet an edge: those whose corners see different things.
 
-The picture's corners are looked at in tiles, all of a tile by the same numbers and each of them once: neighbours that
-see different surfaces, or the same in the light and in the shadow, have an edge between them. Glass is looked at
+The picture's corners are looked at in tiles, all of a tile by the same numbers: neighbours that see different
+surfaces, or the same in the light and in the shadow, have an edge between them. Where there is glass they are looked at
 several times, for what it reflects is as bright as what it shows and is drawn seldom.
 """
 
@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
+from jaxrt.boundary.guiding import of_packets
 from jaxrt.boundary.lines.chains import Lamp, Numbers, lamp_middle
 from jaxrt.boundary.lines.lamps import shows_lamp
 from jaxrt.boundary.lines.looks import (
@@ -28,12 +29,12 @@ from jaxrt.boundary.lines.looks import (
 from jaxrt.boundary.shadows import Plan
 from jaxrt.boundary.trail import through_lens
 from jaxrt.core.samplers import LAST, Stream
-from jaxrt.kernels.native import map_packets, on_devices, once
+from jaxrt.kernels.native import once
 from jaxrt.lights import casters_of
 from jaxrt.materials import Materials
 from jaxrt.transport.path import Tables
 
-TILE = (8, 16)  # corners, along and across, that are looked at together
+TILE = (8, 16)  # rows and columns of corners that are looked at together: neighbouring tiles share those between them
 ELSEWHERE = 0.1  # share of the samples outside of where a look at the picture finds edges
 SELDOM = 0.3  # weight of what glass reflects
 LAMPS = 4  # whose shadows are looked for, of all
@@ -50,11 +51,7 @@ def promises(plan: Plan, tables: Tables, seed: Array) -> Array:
         start = jnp.stack([packet % across * columns, packet // across * rows])
         return _in_tile(plan, through_lens(tables, stream), stream, start.astype(tables.dtype))
 
-    def on_device(operands: tuple[Tables, Array], packets: Array) -> Array:
-        return map_packets(one_packet, operands, packets[0])[None]
-
-    found = on_devices(on_device, (tables, seed), down * across, plan.devices)
-    found = jnp.swapaxes(found, 0, 1).reshape(-1, rows, columns)[: down * across]
+    found: Array = of_packets(one_packet, (tables, seed), down * across, plan.devices)
     found = found.reshape(down, across, rows, columns).swapaxes(1, 2).reshape(down * rows, across * columns)
     found = found[:height, :width]
     weights = lax.reduce_window(found, jnp.zeros((), found.dtype), lax.max, (3, 3), (1, 1), "SAME").ravel()

@@ -80,7 +80,7 @@ def choose(plan: Plan, tables: Tables, line: Line, numbers: Numbers, coins: tupl
 
 
 def _taken(plan: Plan, count: int, tables: Tables, line: Line, scan: Scan, look: Look, i: Array) -> Scan:
-    """Return the scan with the interval that this look ends, or has in its middle, taken or left."""
+    """Return the scan with the interval at one end of which this look is, the last one or half of it, taken or left."""
     first, last = scan.interval
     inside, left = (i >= 2) & (i < 2 + LEVELS), scan.turns < 0.5
     interval = where(inside, where(left, (first, look), (look, last)), (last, look))

@@ -67,6 +67,7 @@ def outline_edges(
     if outlines.rows == 0:
         return ()
     parts, lookouts = [], None
+    crossed = partial(_crossed, tables.camera.width * tables.camera.height)
     if camera:
         bins = bins_for(outlines.rows)
 
@@ -74,7 +75,7 @@ def outline_edges(
             return seen_by_camera(plan, operands.tables, operands.outlines, bins, draw)
 
         weights = seen_weights(tables, outlines, bins, plan.geometry_moves)
-        parts.append(Part(by_camera, _crossed, weights, plan.part(1, LIGHTS_ONLY), seed ^ jnp.uint32(1)))
+        parts.append(Part(by_camera, crossed, weights, plan.part(1, LIGHTS_ONLY), seed ^ jnp.uint32(1)))
     if events:
         lookouts = lookouts_of(plan, tables, outlines, seed, events)
 
@@ -83,28 +84,24 @@ def outline_edges(
             return seen_by_surfaces(plan, events, operands.tables, operands.outlines, operands.lookouts, draw)
 
         weights = jnp.ones(events * TILES * TILES, tables.dtype)
-        parts.append(Part(by_surfaces, _crossed, weights, plan.part(SHARE, LIGHTS_ONLY), seed ^ jnp.uint32(2)))
+        parts.append(Part(by_surfaces, crossed, weights, plan.part(SHARE, LIGHTS_ONLY), seed ^ jnp.uint32(2)))
     operands = OutlineTables(tables, outlines, lookouts)
     return tuple(sample_together(parts, operands, partial(_changed, plan), plan.devices))
 
 
-def _changed(plan: Plan, operands: OutlineTables, glance: Glance) -> tuple[Array, Array, Array]:
-    """Return how much more radiance, or of the outputs, there is just outside an outline, and whether it shows.
-
-    Third, the pixel of what does not show.
-    """
+def _changed(plan: Plan, operands: OutlineTables, glance: Glance) -> tuple[Array, Array]:
+    """Return how much more radiance, or of the outputs, there is just outside an outline, and whether it shows."""
     tables, outlines = operands.tables, operands.outlines
-    nowhere = jnp.int32(tables.camera.width * tables.camera.height)
     if not plan.outputs:
-        return *change_across(tables, outlines, glance, plan.max_depth), nowhere
+        return change_across(tables, outlines, glance, plan.max_depth)
     starts, clear = both_sides(tables, outlines, glance.row, glance.rim, glance.eye)
     both = jax.vmap(partial(what_is_met, plan.outputs, tables))(*starts)
-    return both[0] - both[1], clear, nowhere
+    return both[0] - both[1], clear
 
 
-def _crossed(samples: EdgeSamples, found: tuple[Array, Array, Array]) -> tuple[EdgeSamples, Array]:
-    """Return samples of a change by 1 with what has changed, and how much that is."""
-    change, clear, nowhere = found
+def _crossed(nowhere: int, samples: EdgeSamples, found: tuple[Array, Array]) -> tuple[EdgeSamples, Array]:
+    """Return samples of a change by 1 with what has changed, and how much that is. nowhere: pixel of what is hidden."""
+    change, clear = found
     weight = jnp.where(clear & (samples.weight != 0), samples.weight * change[None], 0)
     pixel = jnp.where(clear, samples.pixel, nowhere)
     return replace(samples, pixel=pixel, weight=weight), jnp.sum(jnp.abs(weight))
