@@ -35,6 +35,12 @@ def along_axis(axis: Array, v: Array | Sequence[Array]) -> tuple[Array, Array, A
     return x, y, jnp.where(zx, v[0], jnp.where(zy, v[1], v[2]))
 
 
+def slopes_along(axis: Array, direction: Array) -> tuple[Array, Array, Array]:
+    """Return what `shear` takes of a direction (3, …)."""
+    dx, dy, dz = along_axis(axis, direction)
+    return dx / dz, dy / dz, 1 / dz
+
+
 def shear(x: Array, y: Array, z: Array, sx: Array, sy: Array, sz: Array, *, wide: bool = False) -> Corner:
     """Return a corner, seen from the ray's origin and with z along its main axis, sheared.
 

@@ -16,7 +16,7 @@ from jaxrt.core.records import Chart, Ray, SurfacePoint
 from jaxrt.kernels.gather import take
 from jaxrt.kernels.native import once
 from jaxrt.shapes.adjacency import MeshEdges
-from jaxrt.shapes.edges import Corner, along_axis, edge_functions, hit_distance, main_axis, shear
+from jaxrt.shapes.edges import Corner, along_axis, edge_functions, hit_distance, main_axis, shear, slopes_along
 from jaxrt.shapes.search.boxes import Tree, tree_of
 from jaxrt.shapes.search.bvh import Topology
 from jaxrt.shapes.search.traverse import any_hit, nearest_hit
@@ -94,8 +94,7 @@ class Sight(NamedTuple):
 def sight_of(ray: Ray) -> Sight:
     """Return how a ray sees corners."""
     axis = main_axis(ray.direction)
-    dx, dy, dz = along_axis(axis, ray.direction)
-    return Sight(tuple(ray.origin), axis, (dx / dz, dy / dz, 1 / dz))
+    return Sight(tuple(ray.origin), axis, slopes_along(axis, ray.direction))
 
 
 def sheared(corners: Array, sight: Sight, wide: bool = False) -> list[Corner]:

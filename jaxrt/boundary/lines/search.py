@@ -82,9 +82,9 @@ def choose(plan: Plan, tables: Tables, line: Line, numbers: Numbers, coins: tupl
 def _taken(plan: Plan, count: int, tables: Tables, line: Line, scan: Scan, look: Look, i: Array) -> Scan:
     """Return the scan with the interval at one end of which this look is, the last one or half of it, taken or left."""
     first, last = scan.interval
-    inside, left = (i >= 2) & (i < 2 + LEVELS), scan.turns < 0.5
+    inside, (left, turns) = (i >= 2) & (i < 2 + LEVELS), _tossed(scan.turns)
     interval = where(inside, where(left, (first, look), (look, last)), (last, look))
-    turns = jnp.where(inside, 2 * scan.turns - jnp.where(left, 0, 1), scan.turns)
+    turns = jnp.where(inside, turns, scan.turns)
     # Where an interval's ends differ, its halves are found by halving
     hidden = jnp.where(differs(first, last), 0, count * 2.0 ** (i - 1).astype(turns.dtype))
     times = jnp.where(inside, hidden, jnp.where(i > 2 + LEVELS, 1, 0))
@@ -142,8 +142,14 @@ def _halved(search: Search, look: Look) -> Search:
     """Return the search with the half that differs: of two such one by chance."""
     first, last = search.ends
     changes = differs(first, look), differs(look, last)
-    tossed, heads = changes[0] & changes[1], search.coins < 0.5
+    tossed, (heads, coins) = changes[0] & changes[1], _tossed(search.coins)
     left = jnp.where(tossed, heads, changes[0])
-    coins = jnp.where(tossed, 2 * search.coins - jnp.where(heads, 0, 1), search.coins)
+    coins = jnp.where(tossed, coins, search.coins)
     ends = where(left, first, look), where(left, look, last)
     return replace(search, ends=ends, coins=coins, odds=jnp.where(tossed, 2, 1) * search.odds)
+
+
+def _tossed(coin: Array) -> tuple[Array, Array]:
+    """Return one choice of two, equally likely, by a number in [0, 1), and a number for the next."""
+    heads = coin < 0.5
+    return heads, 2 * coin - jnp.where(heads, 0, 1)

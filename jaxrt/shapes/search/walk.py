@@ -20,7 +20,7 @@ from jax import Array, lax
 from jaxrt.core.maths import unit_roundoff
 from jaxrt.kernels.gather import part, put
 from jaxrt.kernels.native import once
-from jaxrt.shapes.edges import along_axis, hit_distance, main_axis, shear
+from jaxrt.shapes.edges import along_axis, hit_distance, main_axis, shear, slopes_along
 from jaxrt.shapes.roots import root_distance
 from jaxrt.shapes.search.boxes import LEAF, NODE, Tree
 from jaxrt.shapes.search.bvh import WIDTH
@@ -151,11 +151,7 @@ def places_of(axis: Array) -> list[Array]:
 def ray_rows(balls: bool, o: Array, d: Array) -> tuple[Array, Array]:
     """Return what a walk reads of rays (3, …): numbers (…, 12) and `places_of` their axes (…, 3)."""
     axis = main_axis(d)
-    if balls:
-        own = [*o, *d]
-    else:
-        dx, dy, dz = along_axis(axis, d)
-        own = [*along_axis(axis, o), dx / dz, dy / dz, 1 / dz]
+    own = [*o, *d] if balls else [*along_axis(axis, o), *slopes_along(axis, d)]
     return jnp.stack([*o, *(1 / nonzero(d)), *own], -1), jnp.stack(places_of(axis), -1)
 
 
