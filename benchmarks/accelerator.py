@@ -21,7 +21,7 @@ from rich.table import Table
 import jaxrt
 from benchmarks.mesh_rays import bumpy_sphere, room
 from benchmarks.processes import cpu_model, wide_console
-from jaxrt.render import CPU_TILE, WIDE_TILE
+from jaxrt.render import CPU_TILE, wide_tile
 
 Tile = tuple[int, int]
 SUBDIVISIONS = 6  # 81,920 faces, about as many as scans have
@@ -127,12 +127,13 @@ def main() -> None:
     console.print(f"{device.device_kind}, jax {jax.__version__}; CPU: {cpu_model()}")
     if alone:
         console.print("No accelerator is at hand: the figures are the CPU's, by its own packets and by accelerators'.")
-    tiles = options.tiles or ([CPU_TILE, WIDE_TILE] if alone else [WIDE_TILE])
     heads = ("task", "device", "tile", "compile s", "Mpaths/s", "differs from the CPU's by")
     table = Table(*heads, title=f"{options.size}², {options.spp} spp, depth 4; wall time, medians and ranges")
     for task in tasks(options.size, options.spp):
         if task.name.startswith(tuple(options.only)):
             expected = measure(task, CPU_TILE, cpu, 0).result
+            wide = wide_tile(options.size, options.size)
+            tiles = options.tiles or ([CPU_TILE, wide] if alone else [wide])
             for tile in tiles:
                 found = measure(task, tile, device, options.rounds)
                 table.add_row(*row_of(task, tile, device, found, expected, options.spp))
