@@ -11,6 +11,7 @@ import statistics
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -59,12 +60,12 @@ def body() -> tuple[np.ndarray, np.ndarray]:
 def tasks(size: int, spp: int) -> list[Task]:
     """Return what is measured."""
 
-    def picture(scene: jaxrt.Scene, p: dict[str, Any], tile: Tile, device: jax.Device) -> Any:
+    def picture(scene: jaxrt.Scene, p: dict[str, Any], tile: Tile, device: jax.Device, edges: int = 0) -> Any:
         moved = jaxrt.with_parameters(scene, p)
-        return jaxrt.render(moved, 0, spp=spp, max_depth=4, tile=tile, devices=[device])
+        return jaxrt.render(moved, 0, spp=spp, max_depth=4, tile=tile, devices=[device], boundary_samples=edges)
 
-    def gradient(scene: jaxrt.Scene, p: dict[str, Any], tile: Tile, device: jax.Device) -> Any:
-        slopes = jax.grad(lambda p: jnp.sum(picture(scene, p, tile, device) ** 2))(p)
+    def gradient(scene: jaxrt.Scene, p: dict[str, Any], tile: Tile, device: jax.Device, edges: int = 0) -> Any:
+        slopes = jax.grad(lambda p: jnp.sum(picture(scene, p, tile, device, edges) ** 2))(p)
         return jnp.concatenate([slopes[name].ravel() for name in PARAMETERS])
 
     def sized(scene: jaxrt.Scene) -> jaxrt.Scene:
@@ -75,6 +76,7 @@ def tasks(size: int, spp: int) -> list[Task]:
         Task("room", own_room, picture),
         Task(f"body of {len(own_body.triangles.faces):,} faces", own_body, picture),
         Task("gradient in the room", own_room, gradient),
+        Task("the same with edges, four a pixel", own_room, partial(gradient, edges=4 * size**2)),
     ]
 
 

@@ -28,9 +28,10 @@ from jaxrt.shapes.search.walk import (
 
 def walk_side_by_side(any_hit: bool, tree: Tree, o: Array, d: Array, farthest: Array) -> tuple[Array, Array]:
     """Return (distance, face) of rays (lanes, 3), each as `walk_alone` finds it."""
-    rays = jax.vmap(partial(ray_rows, tree.balls))(o, d)
+    # Number by number: a row would be taken apart anew at each turn
+    rays = [list(x.T) for x in jax.vmap(partial(ray_rows, tree.balls))(o, d)]
 
-    def turn(w: State, ray: Array, places: Array) -> State:
+    def turn(w: State, ray: list[Array], places: list[Array]) -> State:
         boxes, leaf = tests_of(any_hit, tree, ray, places)
         below = descend(tree, boxes, w)
         # What stands above the top of a stack does not matter: it is written in any case, or all stacks were copied

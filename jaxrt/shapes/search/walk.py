@@ -30,7 +30,7 @@ TINY = 1e-20  # least size of a direction component, for its reciprocal alone
 NONE = -(2**31)  # no node
 ALL = 2**WIDTH - 1  # children of a node, as bits
 RAY = 12  # numbers of a ray's row
-Rows = Sequence[Array]
+Rows = Sequence[Array] | Array
 
 
 def node_at(tree: Tree, code: Array) -> Array:
@@ -186,9 +186,9 @@ def walk_alone(any_hit: bool, tree: Tree, ray: Array, places: Array, farthest: A
     return walk(tree, *tests_of(any_hit, tree, ray, places), farthest)
 
 
-def tests_of(any_hit: bool, tree: Tree, ray: Array, places: Array) -> tuple[Callable, Callable]:
-    """Return `boxes` and `leaf` of one ray, as `walk` wants them."""
-    u = unit_roundoff(ray)
+def tests_of(any_hit: bool, tree: Tree, ray: Rows, places: Rows) -> tuple[Callable, Callable]:
+    """Return `boxes` and `leaf` of one ray, of its row and places, as `walk` wants them."""
+    u = unit_roundoff(tree.low)
 
     def boxes(at: Array) -> tuple[Array, Array]:
         sides = [floats(part(tree.words, at + 8 * k, WIDTH)) for k in range(6)]
