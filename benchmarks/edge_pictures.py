@@ -36,6 +36,7 @@ SHEETS = {
         "mirror ball, light x",
         "mirror ball, camera x",
         "flat mirror, ball x",
+        "flat mirror, ball radius",
         "flat mirror, camera x",
     ),
 }
