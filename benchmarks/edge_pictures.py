@@ -39,6 +39,10 @@ SHEETS = {
         "flat mirror, ball radius",
         "flat mirror, camera x",
     ),
+    "edges-indirect": (
+        "ball in a corner, indirect part, depth 3, x",
+        "ball in a corner, indirect part, depth 3, y",
+    ),
 }
 COLUMNS = "the picture", "finite differences", "without edges", "with edges"
 SPP = 256  # of the picture
