@@ -39,6 +39,11 @@ SHEETS = {
         "flat mirror, ball radius",
         "flat mirror, camera x",
     ),
+    "edges-glass": (
+        "glass ball, ball x",
+        "glass ball, light x",
+        "glass ball, ior",
+    ),
     "edges-indirect": (
         "ball in a corner, indirect part, depth 3, x",
         "ball in a corner, indirect part, depth 3, y",
