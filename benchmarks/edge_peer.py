@@ -7,7 +7,7 @@ jaxrt can express, drawn anew from their words, 32×32, both renderers from one 
 rectangle that emits: no mesh of jaxrt does. Emitting spheres are sphere lights here, meshes there; others are meshes,
 flat here, smooth there. The glossy floor has facets of GGX, not of Beckmann, and the texture is a random one.
 
-Both errors are of the mean of 16 seeds, 1,024 samples a pixel in all, as Mitsuba's tests mostly take. `pixels` is its
+Both errors are of the mean of 4 seeds, 1,024 samples a pixel in all, as Mitsuba's tests mostly take. `pixels` is its
 measure, the mean of |d − fd| / max(|fd|, 0.2) over pixels and channels, beside its threshold; `bumps` is ours, the
 relative L2 distance of nine smooth bumps. `noise` is what each would be if the expectation were right.
 Configurations with one * are switched off in Mitsuba's list, those with two it does not try with these integrators.
@@ -34,7 +34,7 @@ from benchmarks.edge_rows import bumps, noise_of
 from benchmarks.processes import HERE, find_peer, flags
 from tests.meshes import icosphere
 
-SIZE, SPP, SEEDS = 32, 64, 16  # samples a pixel, of each kind of edge too, as Mitsuba takes them
+SIZE, SPP, SEEDS = 32, 256, 4  # samples a pixel, of each kind of edge too, as Mitsuba takes them
 FD_SPP, FD_KEYS, FD_FIRST, STEP = 512, 16, 100_000, 0.002
 LEAST = 0.2  # of the finite differences, in Mitsuba's measure
 SIGMA = 4  # standard errors that are still noise
