@@ -3,10 +3,11 @@
     python -m benchmarks.edges --peer-configurations [--peer-python PATH]
 
 The configurations are those "with discontinuities" of `src/integrators/tests/test_ad_integrators.py` that scenes of
-jaxrt can express, drawn anew from their words, 32×32, both renderers from one scene file. Not expressible are the
-textured plane, the rough floor and the rectangle that emits; emitting spheres are sphere lights here, meshes there.
+jaxrt can express, drawn anew from their words, 32×32, both renderers from one scene file. Not expressible is the
+rectangle that emits: no mesh of jaxrt does. Emitting spheres are sphere lights here, meshes there; others are meshes,
+flat here, smooth there. The glossy floor has facets of GGX, not of Beckmann, and the texture is a random one.
 
-Both errors are of the mean of 16 seeds, 1,024 samples a pixel in all, as Mitsuba's tests mostly take. `pixels` is its
+Both errors are of the mean of 4 seeds, 1,024 samples a pixel in all, as Mitsuba's tests mostly take. `pixels` is its
 measure, the mean of |d − fd| / max(|fd|, 0.2) over pixels and channels, beside its threshold; `bumps` is ours, the
 relative L2 distance of nine smooth bumps. `noise` is what each would be if the expectation were right.
 Configurations with one * are switched off in Mitsuba's list, those with two it does not try with these integrators.
@@ -33,7 +34,7 @@ from benchmarks.edge_rows import bumps, noise_of
 from benchmarks.processes import HERE, find_peer, flags
 from tests.meshes import icosphere
 
-SIZE, SPP, SEEDS = 32, 64, 16  # samples a pixel, of each kind of edge too, as Mitsuba takes them
+SIZE, SPP, SEEDS = 32, 256, 4  # samples a pixel, of each kind of edge too, as Mitsuba takes them
 FD_SPP, FD_KEYS, FD_FIRST, STEP = 512, 16, 100_000, 0.002
 LEAST = 0.2  # of the finite differences, in Mitsuba's measure
 SIGMA = 4  # standard errors that are still noise
@@ -43,6 +44,20 @@ INTEGRATORS = ("direct_projective", "prb_projective")
 Description = dict[str, Any]
 Pictures = np.ndarray  # (seeds, H, W, 3)
 
+MATERIALS: dict[str, Description] = {
+    "grey": {"type": "diffuse", "albedo": [0.5] * 3},
+    "orange": {"type": "diffuse", "albedo": [1, 0.5, 0]},
+    "painted": {"type": "diffuse", "albedo": "paint.exr"},
+    # Its α is .025, and all light is reflected
+    "glossy": {
+        "type": "conductor",
+        "eta": [1e-3] * 3,
+        "k": [1] * 3,
+        "roughness": 0.025**0.5,
+        "compensation": False,
+    },
+}
+TEXELS = np.random.default_rng(0).uniform(size=(16, 16, 3))
 QUAD = np.asarray([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float), np.asarray([[0, 1, 2], [0, 2, 3]])
 SHAPES = {"quad.obj": QUAD, "ball.obj": icosphere(2)}
 
@@ -64,10 +79,10 @@ class Configuration(NamedTuple):
         """Return the tables of the scene file, with their heads."""
         camera = {"position": [0, 0, 4], "target": [0, 0, 0], "fov": 39.3077, "width": SIZE, "height": SIZE}
         tables = [("[camera]", camera), ("[render]", {"max_depth": self.depth})]
-        if self.meshes:
-            tables.append(("[materials.grey]", {"type": "diffuse", "albedo": [0.5] * 3}))
+        for name in dict.fromkeys(mesh["material"] for mesh in self.meshes):
+            tables.append((f"[materials.{name}]", MATERIALS[name]))
         for i, mesh in enumerate(self.meshes):
-            tables.append(("[[meshes]]", {"name": f"mesh_{i}", "material": "grey", **mesh}))
+            tables.append(("[[meshes]]", {"name": f"mesh_{i}", **mesh}))
         tables += [("[[lights]]", light) for light in self.lights]
         return tables + ([("[environment]", {"radiance": [self.sky] * 3})] if self.sky else [])
 
@@ -82,10 +97,13 @@ LIGHT = {"light_0": {"lights.position": X}}
 GROWING = {"light_0": {"lights.radius": 1, "lights.intensity": 2 * math.pi}}  # of radius 1 and radiance 1, which stays
 FIRST, SECOND = ({name: {f"meshes.vertices[{name}]": X}} for name in ("mesh_0", "mesh_1"))
 CAMERA = {"sensor": {"camera.position": X, "camera.target": X}}
-BALL, WALL = {"file": "ball.obj"}, {"file": "quad.obj"}
+BALL, WALL = {"file": "ball.obj", "material": "grey"}, {"file": "quad.obj", "material": "grey"}
 OCCLUDER = BALL | {"scale": 0.25, "translate": [2, 0, 2]}
 UPRIGHT = WALL | {"rotate": [0, 90, 0], "translate": [-1, 0, 0.5]}
 LAMP = {"position": [-4, 0, 6], "intensity": [5, 0, 0]}
+PAINTED = WALL | {"scale": 2, "material": "painted"}
+GLOSSY = WALL | {"scale": 4, "rotate": [-45, 0, 0], "translate": [0, 1.5, 0], "material": "glossy"}
+ORANGE = BALL | {"translate": [0.5, 2, 1.5], "material": "orange"}
 
 CONFIGURATIONS = (
     Configuration("diffuse sphere under a sky, x *", 0.04, FIRST, (BALL,), sky=1.0),
@@ -94,16 +112,20 @@ CONFIGURATIONS = (
     Configuration("sphere emitter on black, scale", 0.08, GROWING, (), (bright([0, 0, 0], 1, 1),), motion="scale"),
     Configuration("occluder before a small light, x", 0.02, SECOND, (WALL, OCCLUDER), (bright([4, 0, 4], 0.05, 1000),)),
     Configuration("shadow receiver under a sky, x *", 0.02, FIRST, (WALL, OCCLUDER), sky=1.0),
+    Configuration("textured plane under a sky, x", 0.1, FIRST, (PAINTED,), sky=1.0),
     Configuration("self-shadow, lamp and sky .1, x **", 0.06, FIRST | SECOND, (WALL, UPRIGHT), (LAMP,), 0.1, depth=2),
+    Configuration("sphere over a glossy floor, sky, x **", 0.25, SECOND, (GLOSSY, ORANGE), sky=1.0, depth=2),
     Configuration("camera under a sky, x *", 0.3, CAMERA, (BALL,), sky=1.0),
 )
 
 
 def write(configuration: Configuration, folder: Path) -> Path:
     """Return the path of the scene file, written beside its meshes; JSON's values are TOML's."""
+    jaxrt.save_image(folder / "paint.exr", TEXELS)
     for name, (vertices, faces) in SHAPES.items():
         corners = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
-        (folder / name).write_text("\n".join([*corners, *(f"f {a} {b} {c}" for a, b, c in faces + 1), ""]))
+        corners += [f"vt {(x + 1) / 2:.9g} {(y + 1) / 2:.9g}" for x, y, _ in vertices]
+        (folder / name).write_text("\n".join([*corners, *(f"f {a}/{a} {b}/{b} {c}/{c}" for a, b, c in faces + 1), ""]))
     path = folder / "scene.toml"
     rows = [
         [head, *(f"{key} = {json.dumps(value)}" for key, value in row.items())] for head, row in configuration.tables

@@ -36,7 +36,17 @@ SHEETS = {
         "mirror ball, light x",
         "mirror ball, camera x",
         "flat mirror, ball x",
+        "flat mirror, ball radius",
         "flat mirror, camera x",
+    ),
+    "edges-glass": (
+        "glass ball, ball x",
+        "glass ball, light x",
+        "glass ball, ior",
+    ),
+    "edges-indirect": (
+        "ball in a corner, indirect part, depth 3, x",
+        "ball in a corner, indirect part, depth 3, y",
     ),
 }
 COLUMNS = "the picture", "finite differences", "without edges", "with edges"
@@ -46,9 +56,10 @@ INCH, MARGIN, HEAD, GAP = 1.8, 1.6, 0.28, 0.06  # of a picture, of the words bes
 DPI = 110
 
 
-def drawn(row: Row) -> bool:
-    """Return whether the row is on a sheet."""
-    return any(row.name in names for names in SHEETS.values())
+def whole(chosen: Sequence[Row]) -> list[str]:
+    """Return the sheets all of whose rows are among these."""
+    have = {row.name for row in chosen}
+    return [sheet for sheet, names in SHEETS.items() if have.issuperset(names)]
 
 
 def size_of(lines: int) -> tuple[int, int]:
@@ -62,11 +73,10 @@ def _inches(lines: int) -> tuple[float, float]:
 
 
 def draw(folder: Path, results: Sequence[Result]) -> None:
-    """Save the sheets that have one of these rows, as far as they have them."""
-    for sheet, names in SHEETS.items():
-        found = [each for name in names for each in results if each.row.name == name]
-        if found:
-            _sheet(folder / f"{sheet}.png", found)
+    """Save the sheets all of whose rows are among these."""
+    found = {each.row.name: each for each in results}
+    for sheet in whole([each.row for each in results]):
+        _sheet(folder / f"{sheet}.png", [found[name] for name in SHEETS[sheet]])
 
 
 def _sheet(path: Path, results: Sequence[Result]) -> None:

@@ -8,9 +8,10 @@
 
 Prints a row for each: the error, what of it can be noise, its bound, the error without edges, and the noise after one
 CPU second. `--references` keeps finite differences in a file, so that only estimates are made anew; `--prepare` makes
-these and no more. `--draw docs` measures what docs/derivatives.md shows, and draws it. `--tables`: moving shadows and
-outlines by the number of samples, beside Mitsuba, and the pictures. `--peer-configurations`: Mitsuba's own tests.
-`--cost`: gradients in renders. `--fits`: from how many starts what shows by its edges is found.
+these and no more. `--draw docs` measures what docs/derivatives.md shows, and draws it: of `--rows`, sheets that these
+fill. `--tables`: moving shadows and outlines by the number of samples, beside Mitsuba, and the pictures.
+`--peer-configurations`: Mitsuba's own tests. `--cost`: gradients in renders. `--fits`: from how many starts what shows
+by its edges is found.
 Without `--rows` come besides what must not change: pictures, and programs of derivatives that move nothing of the kind.
 Exit status 1 where something does not hold.
 """
@@ -37,7 +38,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--list", action="store_true", help="print the rows' names, and no more")
     parser.add_argument("--references", type=Path, metavar="FILE", help="keep finite differences in this .npz file")
     parser.add_argument("--prepare", action="store_true", help="make the references, and no more")
-    parser.add_argument("--draw", type=Path, metavar="FOLDER", help="only those that have pictures; save these there")
+    parser.add_argument("--draw", type=Path, metavar="FOLDER", help="only whole sheets of pictures; save these there")
     parser.add_argument("--keys", type=int, default=256, help="of finite differences, at most")
     parser.add_argument("--seeds", type=int, default=256, help="of edges, at most; inside of them 32 times as many")
     parser.add_argument("--cost", action="store_true", help="what gradients cost, and no more")
@@ -70,7 +71,11 @@ def main() -> int:
     options = arguments()
     chosen = [row for row in rows() if not options.rows or any(name in row.name for name in options.rows)]
     if options.draw:
-        chosen = [row for row in chosen if edge_pictures.drawn(row)]
+        names = [name for sheet in edge_pictures.whole(chosen) for name in edge_pictures.SHEETS[sheet]]
+        chosen = [row for row in chosen if row.name in names]
+        if not chosen:
+            print("--draw: --rows leaves out some of each sheet's rows; name all of one, or none", file=sys.stderr)
+            return 2
     console = wide_console()
     if options.list:
         print(*(row.name for row in chosen), sep="\n")

@@ -10,6 +10,8 @@ import json
 import numpy as np
 from mitsuba_side import NO_ROULETTE, render, scene_of
 
+SEED_SPP = 4096  # samples a pixel that guide those of edges: as its tests take
+
 
 def motion(mi, kind, theta):
     """Return the transform of the world that a parameter theta stands for, the identity at 0."""
@@ -51,6 +53,7 @@ def integrator_of(mi, name, depth):
     """Return an integrator of paths of so many events; `direct_projective` has one event always."""
     integrator = mi.load_dict({"type": name} | ({} if "direct" in name else {"max_depth": depth + 1}))
     integrator.rr_depth = NO_ROULETTE
+    integrator.proj_seed_spp = SEED_SPP
     return integrator
 
 

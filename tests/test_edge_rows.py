@@ -1,11 +1,13 @@
 """What finite differences the rows of moving edges are held against: as many keys as their noise wants."""
 
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks import edge_rows
+from benchmarks import edge_pictures, edge_rows, edges
 from benchmarks.edge_rows import FD_FIRST, References, Result, measure
 from benchmarks.edge_scenes import Row
 
@@ -58,3 +60,23 @@ def test_the_part_that_makes_the_noise_gets_the_seeds(monkeypatch: pytest.Monkey
 def test_what_stays_noisy_is_called_so(monkeypatch: pytest.MonkeyPatch) -> None:
     found = measured(monkeypatch, edges=3.0, inside=3.0, most=8)
     assert found.seeds == (8, 8 * edge_rows.INSIDE) and found.word == "too noisy"
+
+
+def test_sheets_of_pictures_are_drawn_whole_or_not_at_all(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Else some rows would take the place of a sheet that shows all of them."""
+    command = ["edges", "--draw", str(tmp_path), "--rows", "half-sunk ball", "room of balls"]
+    monkeypatch.setattr(edge_pictures, "_sheet", lambda path, results: path.touch())
+    monkeypatch.setattr(edges, "measured", lambda chosen, references, seeds: [_measured(row) for row in chosen])
+    monkeypatch.setattr(sys, "argv", command)
+    assert edges.main() == 2
+    assert "--draw: --rows leaves out some" in capsys.readouterr().err
+    monkeypatch.setattr(sys, "argv", [*command, "two boxes that overlap"])
+    assert edges.main() == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["edges-crossings.png"]
+
+
+def _measured(row: Row) -> Result:
+    one = np.ones((row.size, row.size, 3))
+    return Result(row, 0, 0, (0, 0), 0, 0, 0, (1, 1), 1, 0, (one, one, one))
