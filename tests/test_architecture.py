@@ -89,7 +89,17 @@ def test_no_folder_is_crowded(folder: Path) -> None:
 
 # A probe, lanes of pixels, of paths and of edge samples, few of a packet, its rays, spheres of a leaf, arguments of a
 # linear function
-MANY = {"internals.py", "film.py", "regeneration.py", "boundary", "few.py", "traverse.py", "walk.py", "linear.py"}
+MANY = {
+    "internals.py",
+    "film.py",
+    "regeneration.py",
+    "shine.py",
+    "boundary",
+    "few.py",
+    "traverse.py",
+    "walk.py",
+    "linear.py",
+}
 
 
 @pytest.mark.parametrize("module", MODULES, ids=str)
