@@ -151,8 +151,9 @@ def seen_by_surfaces(
     seen_at = None if plan.filter is None else beside(jnp.stack([x, y])[None], plan.filter)
     # How it moves
     anchors = occluder_anchors(outlines, plan.geometry_moves, grazing.row, grazing.t, grazing.rim)
-    # `last` counts from 0, and its ray comes after it
-    glance = Glance(eye, grazing.row, grazing.rim, jnp.zeros((), bool), absorption, draw.stream, last + 2)
+    # `last` counts from 0, and its ray comes after it; what is not seen has no first event
+    first = jnp.where(seen, last + 2, plan.max_depth + 2)
+    glance = Glance(eye, grazing.row, grazing.rim, jnp.zeros((), bool), absorption, draw.stream, first)
     if not plan.geometry_moves:
         return glance, EdgeSamples(pixel[None], weight[None], None, None, (anchors,), place=seen_at)
     numbers = once(numbers_of_direction)(facing, direction)
