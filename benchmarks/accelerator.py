@@ -11,6 +11,7 @@ import statistics
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -21,7 +22,7 @@ from rich.table import Table
 import jaxrt
 from benchmarks.mesh_rays import bumpy_sphere, room
 from benchmarks.processes import cpu_model, wide_console
-from jaxrt.render import CPU_TILE, WIDE_TILE
+from jaxrt.render import CPU_TILE, wide_tile
 
 Tile = tuple[int, int]
 SUBDIVISIONS = 6  # 81,920 faces, about as many as scans have
@@ -59,12 +60,12 @@ def body() -> tuple[np.ndarray, np.ndarray]:
 def tasks(size: int, spp: int) -> list[Task]:
     """Return what is measured."""
 
-    def picture(scene: jaxrt.Scene, p: dict[str, Any], tile: Tile, device: jax.Device) -> Any:
+    def picture(scene: jaxrt.Scene, p: dict[str, Any], tile: Tile, device: jax.Device, edges: int = 0) -> Any:
         moved = jaxrt.with_parameters(scene, p)
-        return jaxrt.render(moved, 0, spp=spp, max_depth=4, tile=tile, devices=[device])
+        return jaxrt.render(moved, 0, spp=spp, max_depth=4, tile=tile, devices=[device], boundary_samples=edges)
 
-    def gradient(scene: jaxrt.Scene, p: dict[str, Any], tile: Tile, device: jax.Device) -> Any:
-        slopes = jax.grad(lambda p: jnp.sum(picture(scene, p, tile, device) ** 2))(p)
+    def gradient(scene: jaxrt.Scene, p: dict[str, Any], tile: Tile, device: jax.Device, edges: int = 0) -> Any:
+        slopes = jax.grad(lambda p: jnp.sum(picture(scene, p, tile, device, edges) ** 2))(p)
         return jnp.concatenate([slopes[name].ravel() for name in PARAMETERS])
 
     def sized(scene: jaxrt.Scene) -> jaxrt.Scene:
@@ -75,6 +76,7 @@ def tasks(size: int, spp: int) -> list[Task]:
         Task("room", own_room, picture),
         Task(f"body of {len(own_body.triangles.faces):,} faces", own_body, picture),
         Task("gradient in the room", own_room, gradient),
+        Task("the same with edges, four a pixel", own_room, partial(gradient, edges=4 * size**2)),
     ]
 
 
@@ -127,12 +129,13 @@ def main() -> None:
     console.print(f"{device.device_kind}, jax {jax.__version__}; CPU: {cpu_model()}")
     if alone:
         console.print("No accelerator is at hand: the figures are the CPU's, by its own packets and by accelerators'.")
-    tiles = options.tiles or ([CPU_TILE, WIDE_TILE] if alone else [WIDE_TILE])
     heads = ("task", "device", "tile", "compile s", "Mpaths/s", "differs from the CPU's by")
     table = Table(*heads, title=f"{options.size}², {options.spp} spp, depth 4; wall time, medians and ranges")
     for task in tasks(options.size, options.spp):
         if task.name.startswith(tuple(options.only)):
             expected = measure(task, CPU_TILE, cpu, 0).result
+            wide = wide_tile(options.size, options.size)
+            tiles = options.tiles or ([CPU_TILE, wide] if alone else [wide])
             for tile in tiles:
                 found = measure(task, tile, device, options.rounds)
                 table.add_row(*row_of(task, tile, device, found, expected, options.spp))

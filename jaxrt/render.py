@@ -18,7 +18,7 @@ from jaxrt.core.messages import nearest, show
 from jaxrt.core.samplers import SAMPLERS, seed_from_key
 from jaxrt.core.system import usable_cores
 from jaxrt.filters import Filter, filter_of
-from jaxrt.kernels.native import as_operand, default_devices, everywhere, local
+from jaxrt.kernels.native import as_operand, default_devices, everywhere, local, want_wide
 from jaxrt.scene import Scene, check_scene, drawn
 from jaxrt.scene.checks import check_memory
 from jaxrt.shapes.uv import with_places
@@ -30,7 +30,7 @@ from jaxrt.views import Window, answers, asked_for, cut, viewed
 
 CPU_TILE = (16, 8)  # pixels of a packet on a CPU: its values stay in the first-level cache
 THREADS = 8  # of XLA's pool, for each CPU device
-WIDE_TILE = (512, 128)  # on accelerators, which want many lanes at once
+WIDE = 512  # pixels of a packet's sides, at most, on accelerators, which want many lanes at once
 LEVEL = "xla_backend_optimization_level"
 
 
@@ -264,7 +264,9 @@ def prepare(
     scene, devices = _placed(scene, devices)
     if "uv" in outputs:
         scene = replace(scene, triangles=with_places(scene.triangles))
-    tile = _tile(tile) if tile else (CPU_TILE if devices[0].platform == "cpu" else WIDE_TILE)
+    tile = (
+        _tile(tile) if tile else wide_tile(scene.camera.width, scene.camera.height) if want_wide(devices) else CPU_TILE
+    )
     run = Run(seed_from_key(key), jnp.int32(first), jnp.int32(first) + jnp.int32(count), jnp.int32(spp))
     # What is met first is the same whatever comes after
     plan = Plan(
@@ -288,6 +290,12 @@ def _filter(scene: Scene, name: str | None, width: float | None) -> Filter | Non
         return filter_of(name, width)
     except ValueError as error:
         raise ValueError(f"render: {error}") from None
+
+
+def wide_tile(width: int, height: int) -> tuple[int, int]:
+    """Return columns and rows of packets for accelerators: few, of one size, that make up a picture."""
+    across, down = (-(-n // -(-n // WIDE)) for n in (width, height))
+    return across, down
 
 
 def _tile(tile: tuple[int, int]) -> tuple[int, int]:

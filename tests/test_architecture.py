@@ -87,19 +87,10 @@ def test_no_folder_is_crowded(folder: Path) -> None:
     assert len(list(folder.glob("*.py"))) <= FULL, f"{folder}: part it"
 
 
-# A probe, lanes of pixels, of paths and of edge samples, few of a packet, its rays, spheres of a leaf, arguments of a
+# A probe, lanes of pixels, of paths and of edge samples, few of a packet, its rays, few shapes, arguments of a
 # linear function
-MANY = {
-    "internals.py",
-    "film.py",
-    "regeneration.py",
-    "shine.py",
-    "boundary",
-    "few.py",
-    "traverse.py",
-    "walk.py",
-    "linear.py",
-}
+MANY = {"internals.py", "film.py", "regeneration.py", "shine.py", "boundary", "few.py", "linear.py"}
+MANY |= {"traverse.py", "walk.py", "lockstep.py", "few_shapes.py"}
 
 
 @pytest.mark.parametrize("module", MODULES, ids=str)

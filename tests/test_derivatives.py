@@ -194,8 +194,10 @@ def test_vmap_of_pictures_and_of_gradients():
     """Equal to one after the other, to 1e-6; of twenty scenes, which is more than a native kernel has room for."""
     places = jnp.asarray(np.linspace([[0.8, -0.3, 0.4]], [[-0.5, 0.2, 0.1]], 20), jnp.float32)
 
+    own = chosen()
+
     def loss(place):
-        return jnp.sum(ball_picture(chosen() | {"lights.position": place}) ** 2)
+        return jnp.sum(ball_picture(own | {"lights.position": place}) ** 2)
 
     losses, gradients = jax.jit(jax.vmap(jax.value_and_grad(loss)))(places)
     single = jax.jit(jax.value_and_grad(loss))

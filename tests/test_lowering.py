@@ -9,7 +9,7 @@ import pytest
 
 import jaxrt
 from benchmarks.ladder import LADDER, build
-from jaxrt.render import WIDE_TILE
+from jaxrt.render import wide_tile
 
 PLATFORMS = ("cuda", "tpu")
 
@@ -20,7 +20,7 @@ def lowered(name: str, transformed: Callable[..., Any] = lambda loss: loss, edge
 
     def loss(p: dict[str, jax.Array], scene: jaxrt.Scene) -> jax.Array:
         moved = jaxrt.with_parameters(scene, p)
-        options = dict(spp=1, max_depth=2, tile=WIDE_TILE, devices=jax.devices()[:1], boundary_samples=edges)
+        options = dict(spp=1, max_depth=2, tile=wide_tile(512, 512), devices=jax.devices()[:1], boundary_samples=edges)
         return jnp.sum(jaxrt.render(moved, 0, **options) ** 2)
 
     traced = jax.jit(transformed(loss)).trace(jaxrt.parameters(scene), scene)

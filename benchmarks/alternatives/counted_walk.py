@@ -10,8 +10,8 @@ from jax import Array, lax
 from jaxrt.shapes.search import walk
 from jaxrt.shapes.search.boxes import Tree
 
-State = tuple[walk._State, Array, Array]
-Change = Callable[[walk._State], walk._State]
+State = tuple[walk.State, Array, Array]
+Change = Callable[[walk.State], walk.State]
 
 
 def visits(
@@ -35,7 +35,7 @@ def visits(
 def _counted(
     before: Change, most: int, tree: Tree, boxes: Callable, leaf: Callable, farthest: Array
 ) -> tuple[Array, Array]:
-    steps = partial(walk._descend, tree, boxes), partial(walk._visit, leaf), walk._pop
+    steps = partial(walk.descend, tree, boxes), partial(walk.visit, leaf), walk.pop
 
     def step(state: State) -> State:
         w, counts, levels = state
@@ -44,7 +44,7 @@ def _counted(
         return w, counts + (kind == jnp.arange(2)).astype(jnp.int32), jnp.maximum(levels, w.top + 1)
 
     def going(state: State) -> Array:
-        return walk._going(state[0]) & (jnp.sum(state[1]) < most)
+        return walk.going(state[0]) & (jnp.sum(state[1]) < most)
 
-    start = walk._start(tree, farthest), jnp.zeros(2, jnp.int32), jnp.int32(0)
+    start = walk.start(tree, farthest), jnp.zeros(2, jnp.int32), jnp.int32(0)
     return lax.while_loop(going, step, start)[1:]

@@ -18,9 +18,10 @@ from jax.typing import DTypeLike
 from jaxrt.core.maths import safe_divide
 from jaxrt.core.pytree import pytree
 from jaxrt.core.samplers import LAST, Stream, independent
-from jaxrt.kernels.native import map_packets, on_devices
+from jaxrt.kernels.native import map_packets, map_together, on_devices, want_wide
 
 LANES = 128  # of a packet
+TOGETHER = 2048  # packets at the same time, where devices want many lanes
 ROUNDS = 4  # of a pilot's size each
 
 Operands = TypeVar("Operands")
@@ -211,8 +212,10 @@ def of_packets(
 ) -> Any:
     """Return f(operands, packet) (packets, …) of each packet, wherever it is computed."""
 
+    found = partial(map_together, together=TOGETHER) if want_wide(devices) else map_packets
+
     def on_device(operands: Operands, packets: Array) -> Any:
-        return jax.tree.map(lambda x: x[None], map_packets(f, operands, packets[0]))
+        return jax.tree.map(lambda x: x[None], found(f, operands, packets[0]))
 
     results = on_devices(on_device, operands, packets, devices)
     return jax.tree.map(

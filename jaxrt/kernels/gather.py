@@ -1,6 +1,6 @@
 """Rows of a table, with a derivative that native kernels can compute backwards.
 
-JAX transposes an indexed read to a scatter, which has no native form on a CPU. Here it becomes a loop that adds to one
+JAX transposes an indexed read to a scatter, which has no native form on a CPU. There it becomes a loop that adds to one
 row after the other: in order, so that sums do not depend on chance.
 """
 
@@ -12,6 +12,9 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.kernels.internals import Zero, operation
+from jaxrt.kernels.native import in_native, in_wide
+
+FEW = 64  # rows: of so many, each of a wide kernel's is the sum of all that may be its own: none waits for another
 
 
 def part(table: Array, start: Array, size: int) -> Array:
@@ -38,12 +41,22 @@ def _add_rows(rows: Array, i: Array, *, n: int) -> Array:
     """Return the table (n, …) that holds in each row the sum of all `rows` with its index."""
     cells = rows.shape[i.ndim :]
     rows, i = rows.reshape(-1, 1, *cells), i.ravel()
+    if not in_native():
+        return _add_at_once(rows[:, 0], i, n)
 
     def add(k: Array, table: Array) -> Array:
         total = lax.dynamic_slice_in_dim(table, i[k], 1) + rows[k]
         return lax.dynamic_update_slice_in_dim(table, total, i[k], 0)
 
     return lax.fori_loop(0, i.size, add, jnp.zeros((n, *cells), rows.dtype))
+
+
+def _add_at_once(rows: Array, i: Array, n: int) -> Array:
+    """Return what `_add_rows` does, of all rows at the same time: one after the other, accelerators took minutes."""
+    if n > FEW or not in_wide():
+        return jnp.zeros((n, *rows.shape[1:]), rows.dtype).at[i].add(rows, mode="promise_in_bounds")
+    own = jnp.expand_dims(i[:, None] == jnp.arange(n, dtype=i.dtype)[None], tuple(range(2, rows.ndim + 1)))
+    return jnp.sum(jnp.where(own, rows[:, None], 0), 0)
 
 
 def _shape(table: Any, i: Any) -> Any:

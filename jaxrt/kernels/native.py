@@ -56,6 +56,13 @@ def map_packets(
     return _call(lambda operands, packets: lax.map(partial(f, operands), packets), operands, packets, native)
 
 
+def map_together(f: Callable[[Operands, Array], Result], operands: Operands, packets: Array, together: int) -> Result:
+    """Return what `map_packets` does, of so many packets at the same time: for accelerators."""
+    return _call(
+        lambda operands, packets: lax.map(partial(f, operands), packets, batch_size=together), operands, packets, False
+    )
+
+
 def fold_packets(
     f: Callable[[Operands, Array, Result], Result],
     operands: Operands,
@@ -80,12 +87,12 @@ def _call(loop: Callable[[Operands, Array], Result], operands: Operands, packets
     parcels, unpack = _pack(operands)
 
     def unpacked(parcels: dict[str, Array], packets: Array) -> tuple[Result, Array]:
-        inside = _native.set(native)
+        inside = _kernel.set(native)
         try:
             with one_mesh():
                 result = loop(unpack(parcels), packets)
         finally:
-            _native.reset(inside)
+            _kernel.reset(inside)
         return result, jnp.stack([a[0].astype(jnp.float32) for a in (*parcels.values(), packets)])
 
     # A tagged call with an operand that turns out unused aborts the process (jaxlib 0.10.1: "All or none of the slices
@@ -107,6 +114,11 @@ def on_devices(
     share = -(-count // n)
     packets = jnp.arange(share * n, dtype=jnp.int32).reshape(share, n).T
     return f(operands, packets) if n == 1 else _spread(f, devices)(operands, packets)
+
+
+def want_wide(devices: tuple[jax.Device, ...]) -> bool:
+    """Return whether devices want many lanes at once, as all but CPUs do."""
+    return devices[0].platform != "cpu"
 
 
 @cache
@@ -180,20 +192,25 @@ def once(f: Callable[..., Result]) -> Callable[..., Result]:
 
     Outside `map_packets` it does nothing.
     """
-    return lambda *operands: (stage(f) if _native.get() else f)(*operands)
+    return lambda *operands: (stage(f) if in_native() else f)(*operands)
 
 
 def in_stages(f: Callable[..., Result]) -> Callable[..., Result]:
     """Return f as `once` does, in as many stages as its length asks for: kinds are as long as their authors like."""
-    return lambda *operands: (stages(f) if _native.get() else f)(*operands)
+    return lambda *operands: (stages(f) if in_native() else f)(*operands)
 
 
 def in_native() -> bool:
     """Return whether a native kernel is being traced."""
-    return _native.get()
+    return _kernel.get() is True
 
 
-_native = ContextVar("_native", default=False)  # whether a native kernel is being traced
+def in_wide() -> bool:
+    """Return whether a kernel for packets of many lanes is being traced, one operation of all lanes after another."""
+    return _kernel.get() is False
+
+
+_kernel: ContextVar[bool | None] = ContextVar("_kernel", default=None)  # whether what is being traced is native
 
 
 def _pack(tree: Operands) -> tuple[dict[str, Array], Callable[[dict[str, Array]], Operands]]:

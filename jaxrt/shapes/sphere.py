@@ -4,6 +4,7 @@ Few are tested one by one. Of many, all but walls are found through a tree, as t
 """
 
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +21,7 @@ from jaxrt.kernels.native import once
 from jaxrt.shapes.roots import power_of, root_distance, roots_of
 from jaxrt.shapes.search.boxes import Tree, ball_tree
 from jaxrt.shapes.search.bvh import Topology, topology_of_boxes
+from jaxrt.shapes.search.few_shapes import any_of, nearest_of
 from jaxrt.shapes.search.traverse import any_hit, nearest_hit
 
 Floats = NDArray[np.float64]
@@ -148,17 +150,9 @@ def _coordinates(ray: Ray) -> Coordinates:
 
 def find_sphere(table: SphereTable, ray: Ray, farthest: Array) -> tuple[Array, Array]:
     """Return (distance, row) of the nearest sphere closer than `farthest`; row −1 and `farthest` if there is none."""
-    coordinates = _coordinates(ray)
-
-    def closer(pair: Array, best: tuple[Array, Array]) -> tuple[Array, Array]:
-        for i, t in _pair(table, coordinates, pair):
-            nearer = t < best[0]
-            best = jnp.where(nearer, t, best[0]), jnp.where(nearer, i, best[1])
-        return best
-
     distance, row = farthest, jnp.int32(-1)
     if _in_loop(table):
-        distance, row = lax.fori_loop(0, -(-_in_loop(table) // 2), closer, (distance, row))
+        distance, row = nearest_of(-(-_in_loop(table) // 2), partial(_pair, table, _coordinates(ray)), farthest)
     if table.tree is None:
         return distance, row
     distance, ball = nearest_hit(table.tree, ray.origin, ray.direction, distance)
@@ -167,17 +161,9 @@ def find_sphere(table: SphereTable, ray: Ray, farthest: Array) -> tuple[Array, A
 
 def occluded_by_sphere(table: SphereTable, ray: Ray, farthest: Array, skip: Array | None) -> Array:
     """Return whether any sphere but row `skip`, which is in no tree, is hit closer than `farthest`."""
-    coordinates = _coordinates(ray)
-
-    def blocks(pair: Array, blocked: Array) -> Array:
-        for i, t in _pair(table, coordinates, pair):
-            block = t < farthest
-            blocked = blocked | (block if skip is None else block & (i != skip))
-        return blocked
-
     blocked = jnp.zeros((), bool)
     if _in_loop(table):
-        blocked = lax.fori_loop(0, -(-_in_loop(table) // 2), blocks, blocked)
+        blocked = any_of(-(-_in_loop(table) // 2), partial(_pair, table, _coordinates(ray)), farthest, skip)
     if table.tree is None:
         return blocked
     return blocked | any_hit(table.tree, ray.origin, ray.direction, jnp.where(blocked, 0, farthest))

@@ -5,6 +5,7 @@ Few triangles are tested one by one, many through a tree (`search/traverse.py`);
 """
 
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -19,6 +20,7 @@ from jaxrt.shapes.adjacency import MeshEdges
 from jaxrt.shapes.edges import Corner, along_axis, edge_functions, hit_distance, main_axis, shear, slopes_along
 from jaxrt.shapes.search.boxes import Tree, tree_of
 from jaxrt.shapes.search.bvh import Topology
+from jaxrt.shapes.search.few_shapes import any_of, nearest_of
 from jaxrt.shapes.search.traverse import any_hit, nearest_hit
 from jaxrt.shapes.smooth import corner_normals, smooth_place
 
@@ -127,26 +129,19 @@ def find_triangle(table: TriangleTable, ray: Ray, farthest: Array) -> tuple[Arra
     """Return (distance, row) of the nearest triangle closer than `farthest`; row −1 and `farthest` if none is."""
     if table.tree is not None:
         return nearest_hit(table.tree, ray.origin, ray.direction, farthest)
-    sight = sight_of(ray)
-
-    def closer(i: Array, best: tuple[Array, Array]) -> tuple[Array, Array]:
-        t = hit_distance(sheared(table.corners[i], sight, table.wide))
-        nearer = t < best[0]
-        return jnp.where(nearer, t, best[0]), jnp.where(nearer, i, best[1])
-
-    return lax.fori_loop(0, table.corners.shape[0], closer, (farthest, jnp.int32(-1)))
+    return nearest_of(table.corners.shape[0], partial(_one, table, sight_of(ray)), farthest)
 
 
 def occluded_by_triangle(table: TriangleTable, ray: Ray, farthest: Array) -> Array:
     """Return whether any triangle is hit closer than `farthest`."""
     if table.tree is not None:
         return any_hit(table.tree, ray.origin, ray.direction, farthest)
-    sight = sight_of(ray)
+    return any_of(table.corners.shape[0], partial(_one, table, sight_of(ray)), farthest)
 
-    def blocks(i: Array, blocked: Array) -> Array:
-        return blocked | (hit_distance(sheared(table.corners[i], sight, table.wide)) < farthest)
 
-    return lax.fori_loop(0, table.corners.shape[0], blocks, jnp.zeros((), bool))
+def _one(table: TriangleTable, sight: Sight, i: Array) -> list[tuple[Array, Array]]:
+    """Return number and distance of a triangle, as a loop over all wants them."""
+    return [(i, hit_distance(sheared(table.corners[i], sight, table.wide)))]
 
 
 def triangle_surface_point(table: TriangleTable, ray: Ray, i: Array) -> SurfacePoint:

@@ -15,6 +15,7 @@ from jax import Array, lax
 
 from jaxrt.core.maths import kahan_add
 from jaxrt.kernels.gather import take
+from jaxrt.kernels.native import in_native
 
 Tap = tuple[Array, Array]  # () int32 row of a table, and its weight ()
 
@@ -58,7 +59,7 @@ read.defvjp(_forward, _backward)
 
 
 def add_marks(sums: Array, marks: Array) -> Array:
-    """Return the sums (n, 6) of a table's derivative, compensated, with those of lookups added, one after the other.
+    """Return the sums (n, 6) of a table's derivative, compensated, with those of lookups added.
 
     sums: totals, then compensations: in one array, which is then changed in place. marks: (k, 15) derivatives.
     """
@@ -70,4 +71,9 @@ def add_marks(sums: Array, marks: Array) -> Array:
         new = jnp.concatenate(kahan_add(own[:, :3], own[:, 3:], marks[mark, 8 + tap] * marks[mark, None, 12:]), -1)
         return lax.dynamic_update_slice_in_dim(sums, new, rows[mark, tap], 0)
 
-    return lax.fori_loop(0, 4 * marks.shape[0], add, sums)
+    if in_native():
+        # One after the other
+        return lax.fori_loop(0, 4 * marks.shape[0], add, sums)
+    told = marks[:, 8:12, None] * marks[:, None, 12:]
+    more = jnp.zeros_like(sums[:, :3]).at[rows.ravel()].add(told.reshape(-1, 3), mode="promise_in_bounds")
+    return jnp.concatenate(kahan_add(sums[:, :3], sums[:, 3:], more), -1)

@@ -16,7 +16,7 @@ from jaxrt.core.records import Ray
 from jaxrt.core.samplers import SAMPLERS, Stream
 from jaxrt.filters import Filter
 from jaxrt.kernels.gather import take
-from jaxrt.kernels.native import fold_packets, map_packets, on_devices
+from jaxrt.kernels.native import fold_packets, map_packets, on_devices, want_wide
 from jaxrt.transport.outputs import Output, channels, first_met, numbers_met
 from jaxrt.transport.path import Numbers, Tables, marked, radiance
 
@@ -227,8 +227,8 @@ def packets_of(picture: Array, plan: Plan) -> Array:
 
 
 def is_native(plan: Plan) -> bool:
-    """Return whether the packets are narrow enough for one native kernel."""
-    return plan.lanes <= NATIVE_LANES
+    """Return whether the packets are narrow enough for one native kernel, and are for CPUs."""
+    return plan.lanes <= NATIVE_LANES and not want_wide(plan.devices)
 
 
 def _layout(size: tuple[int, int], plan: Plan) -> tuple[int, int, int]:

@@ -43,6 +43,7 @@ from jaxrt.transport.shine import pull_light
 # Derivatives of a batch that share one pass over the paths, forwards and backwards. Backwards the paths are the lesser
 # part, and packets of a batch too wide for a native kernel
 TOGETHER = (32, 1)
+WIDE_TOGETHER = (4, 1)  # of packets of many lanes, whose numbers are in memory
 LARGE = 100_000  # moved numbers from which on wide packets are the faster ones backwards: a mesh of 11,000 faces
 LARGEST_TILE = (32, 32)  # pixels, as many as a native kernel takes
 
@@ -148,7 +149,7 @@ class _Derivative(NamedTuple):
 
     @property
     def together(self) -> tuple[int, int]:
-        return TOGETHER
+        return TOGETHER if is_native(self.plan) else WIDE_TOGETHER
 
     @property
     def y(self) -> Shapes:

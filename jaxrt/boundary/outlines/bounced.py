@@ -25,7 +25,7 @@ from jaxrt.core.pytree import pytree, where
 from jaxrt.core.records import Ray, SurfacePoint
 from jaxrt.core.samplers import Stream, independent
 from jaxrt.core.sampling import numbers_of_direction
-from jaxrt.kernels.native import in_stages, map_packets, once
+from jaxrt.kernels.native import in_stages, map_packets, once, want_wide
 from jaxrt.materials import evaluate, numbers_toward, scatter, tells_numbers_at
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, leave, surface_point
@@ -112,7 +112,7 @@ def events_seen(scene: Scene, plan: Plan) -> int:
 def lookouts_of(plan: Plan, tables: Tables, outlines: Silhouettes, seed: Array, events: int) -> Lookouts:
     """Return what is seen of moving outlines, or of sphere lights alone, from where paths come to."""
     first, creases = 0 if plan.geometry_moves else tables.first_light, plan.max_depth > 1
-    return lookouts_at(outlines, _places(tables, seed, events), first, creases)
+    return lookouts_at(outlines, _places(tables, seed, events, plan.devices), first, creases)
 
 
 def seen_by_surfaces(
@@ -193,7 +193,7 @@ def _path(tables: Tables, ray: Ray, stream: Stream, events: int) -> Arrival:
     return lax.scan(event, start, jnp.arange(1, events + 1, dtype=jnp.int32))[1]
 
 
-def _places(tables: Tables, seed: Array, events: int) -> Array:
+def _places(tables: Tables, seed: Array, events: int, devices: tuple[jax.Device, ...]) -> Array:
     """Return places (LOOKOUTS, 3) that paths of the picture come to: the camera's own where they come to none."""
 
     def lane(operands: tuple[Tables, Array], k: Array) -> Array:
@@ -207,7 +207,7 @@ def _places(tables: Tables, seed: Array, events: int) -> Array:
     def packet(operands: tuple[Tables, Array], _: Array) -> Array:
         return jax.vmap(partial(lane, operands))(jnp.arange(LOOKOUTS, dtype=jnp.int32))
 
-    return map_packets(packet, (tables, seed), jnp.arange(1, dtype=jnp.int32))[0]
+    return map_packets(packet, (tables, seed), jnp.arange(1, dtype=jnp.int32), not want_wide(devices))[0]
 
 
 def _grazing(

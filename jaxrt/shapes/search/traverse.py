@@ -15,9 +15,10 @@ from jax.custom_batching import custom_vmap
 from jaxrt.core.maths import FAR, unit_roundoff
 from jaxrt.kernels.bits import each, mask
 from jaxrt.kernels.gather import part, put
-from jaxrt.kernels.native import once
+from jaxrt.kernels.native import in_wide, once
 from jaxrt.shapes.edges import main_axis
 from jaxrt.shapes.search.boxes import Tree
+from jaxrt.shapes.search.lockstep import walk_side_by_side
 from jaxrt.shapes.search.order import least, most, smallest
 from jaxrt.shapes.search.packet import walk_together
 from jaxrt.shapes.search.walk import RAY, nonzero, ray_rows, slabs, walk_alone
@@ -140,8 +141,8 @@ def _spread(v: Array, alive: Array) -> Array:
 
 def _many(any_hit: bool, tree: Tree, o: Array, d: Array, farthest: Array) -> tuple[Array, Array]:
     """Return (distance, face) of many rays."""
-    if farthest.shape[0] > LOCKSTEP:
-        return jax.vmap(partial(_alone, any_hit, tree))(o, d, farthest)
+    if farthest.shape[0] > LOCKSTEP or in_wide():
+        return walk_side_by_side(any_hit, tree, o, d, farthest)
     return once(partial(_together, any_hit))(tree, o, d, farthest)
 
 
@@ -170,19 +171,23 @@ def _batchable(any_hit: bool) -> Callable[..., tuple[Array, Array]]:
 
         return lax.map(row, jnp.arange(size, dtype=jnp.int32)), (True, True)
 
+    def own(size: int, batched: list, rays: tuple[Array, ...]) -> list[Array]:
+        """Return rays of which each of the batch has its own."""
+        pairs = zip(rays, batched, strict=True)
+        return [x if flag else jnp.broadcast_to(x[None], (size, *x.shape)) for x, flag in pairs]
+
     @one.def_vmap
     def one_rule(size: int, batched: list, tree: Tree, *rays: Array) -> tuple:
         if any(jax.tree.leaves(batched[0])):
             return mapped(one, size, batched, (tree, *rays))
-        rays = tuple(
-            x if flag else jnp.broadcast_to(x[None], (size, *x.shape))
-            for x, flag in zip(rays, batched[1:], strict=True)
-        )
-        return many(tree, *rays), (True, True)
+        return many(tree, *own(size, batched[1:], rays)), (True, True)
 
     @many.def_vmap
-    def many_rule(size: int, batched: list, *operands: Array) -> tuple:
-        return mapped(many, size, batched, operands)
+    def many_rule(size: int, batched: list, tree: Tree, *rays: Array) -> tuple:
+        if not in_wide() or any(jax.tree.leaves(batched[0])):
+            return mapped(many, size, batched, (tree, *rays))
+        found = many(tree, *(x.reshape(-1, *x.shape[2:]) for x in own(size, batched[1:], rays)))
+        return tuple(x.reshape(size, -1) for x in found), (True, True)
 
     return one
 

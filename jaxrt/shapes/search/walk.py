@@ -30,7 +30,7 @@ TINY = 1e-20  # least size of a direction component, for its reciprocal alone
 NONE = -(2**31)  # no node
 ALL = 2**WIDTH - 1  # children of a node, as bits
 RAY = 12  # numbers of a ray's row
-Rows = Sequence[Array]
+Rows = Sequence[Array] | Array
 
 
 def node_at(tree: Tree, code: Array) -> Array:
@@ -48,11 +48,11 @@ def face_of(tree: Tree, leaf: Array, slot: Array) -> Array:
     return part(tree.words, leaf_at(tree, leaf) + 72 + (slot & 7).astype(jnp.uint32), 1)[0].astype(jnp.int32)
 
 
-class _State(NamedTuple):
+class State(NamedTuple):
     """A walk under way. Lanes: () for one ray, (n,) for a packet."""
 
     top: Array  # () int32 level of the stack in use, −1 when it is empty
-    stack: Array  # (2·depth,) int32 of each level a node, and its children still to be visited as bits
+    stack: Array  # (2·depth + 2,) int32 of each level a node, and its children still to be visited as bits
     code: Array  # () int32 what to visit now: a node, a leaf (negative), or NONE
     left: Array  # () int32 children of the node still to be visited
     box: Array  # () uint32 where its box is among the words of its parent
@@ -68,19 +68,20 @@ def walk(tree: Tree, boxes: Callable, leaf: Callable, farthest: Array) -> tuple[
     farthest becomes −1 is done; its face is then 0.
     """
 
-    def step(w: _State) -> _State:
-        w = lax.while_loop(lambda w: w.code >= 0, lambda w: _descend(tree, boxes, w), w)
-        w = lax.while_loop(lambda w: (w.code < 0) & (w.code != NONE), lambda w: _visit(leaf, w), w)
-        return _pop(w)
+    def step(w: State) -> State:
+        w = lax.while_loop(at_node, lambda w: descend(tree, boxes, w), w)
+        w = lax.while_loop(at_leaf, lambda w: visit(leaf, w), w)
+        return pop(w)
 
-    end = lax.while_loop(_going, step, _start(tree, farthest))
+    end = lax.while_loop(going, step, start(tree, farthest))
     return end.farthest, jnp.where((farthest >= 0) & (end.farthest < 0), 0, end.face)
 
 
-def _start(tree: Tree, farthest: Array) -> _State:
-    return _State(
+def start(tree: Tree, farthest: Array) -> State:
+    """Return the walk that is to begin at the root."""
+    return State(
         top=jnp.int32(-1),
-        stack=jnp.zeros(2 * tree.depth, jnp.int32),
+        stack=jnp.zeros(2 * tree.depth + 2, jnp.int32),
         code=jnp.int32(0),
         left=jnp.int32(ALL),
         box=jnp.uint32(0),
@@ -89,16 +90,28 @@ def _start(tree: Tree, farthest: Array) -> _State:
     )
 
 
-def _going(w: _State) -> Array:
+def at_node(w: State) -> Array:
+    """Return whether a node is to be visited now."""
+    return w.code >= 0
+
+
+def at_leaf(w: State) -> Array:
+    """Return whether a leaf is to be visited now."""
+    return (w.code < 0) & (w.code != NONE)
+
+
+def going(w: State) -> Array:
+    """Return whether anything is left to be visited."""
     return ((w.top >= 0) | (w.code != NONE)) & (_limit(w) >= 0)
 
 
-def _limit(w: _State) -> Array:
+def _limit(w: State) -> Array:
     """Return the largest distance that can still matter."""
     return floats(jnp.max(bits(w.farthest)))
 
 
-def _descend(tree: Tree, boxes: Callable, w: _State) -> _State:
+def descend(tree: Tree, boxes: Callable, w: State) -> State:
+    """Return the walk gone on to the nearest child of a node."""
     slot, met, at = once(partial(_nearest_child, tree, boxes))(w.code, w.left, _limit(w))
     rest = met & ~(1 << slot)
     # Here `at` and not w.code, which would then be copied
@@ -127,12 +140,14 @@ def _nearest_child(tree: Tree, boxes: Callable, code: Array, left: Array, limit:
     return (first & 7).astype(jnp.int32), all_, at
 
 
-def _visit(leaf: Callable, w: _State) -> _State:
+def visit(leaf: Callable, w: State) -> State:
+    """Return the walk after a leaf."""
     farthest, face = leaf(w.code, w.box, w.farthest, w.face)
     return w._replace(code=jnp.int32(NONE), farthest=farthest, face=face)
 
 
-def _pop(w: _State) -> _State:
+def pop(w: State) -> State:
+    """Return the walk gone back to the last node of which children are left."""
     top = 2 * jnp.maximum(w.top, 0)
     node, left = once(lambda stack, top: (part(stack, top, 1)[0], part(stack, top + 1, 1)[0]))(w.stack, top)
     return w._replace(top=w.top - 1, code=jnp.where(w.top >= 0, node, NONE), left=left)
@@ -168,7 +183,12 @@ def slabs(low: Rows, high: Rows, origin: Rows, inverse: Rows) -> tuple[Array, Ar
 
 def walk_alone(any_hit: bool, tree: Tree, ray: Array, places: Array, farthest: Array) -> tuple[Array, Array]:
     """Return (distance, face) of one ray, of its row and places; face 0, and distance −1, for any hit."""
-    u = unit_roundoff(ray)
+    return walk(tree, *tests_of(any_hit, tree, ray, places), farthest)
+
+
+def tests_of(any_hit: bool, tree: Tree, ray: Rows, places: Rows) -> tuple[Callable, Callable]:
+    """Return `boxes` and `leaf` of one ray, of its row and places, as `walk` wants them."""
+    u = unit_roundoff(tree.low)
 
     def boxes(at: Array) -> tuple[Array, Array]:
         sides = [floats(part(tree.words, at + 8 * k, WIDTH)) for k in range(6)]
@@ -181,7 +201,7 @@ def walk_alone(any_hit: bool, tree: Tree, ray: Array, places: Array, farthest: A
     def leaf(code: Array, _: Array, farthest: Array, face: Array) -> tuple[Array, Array]:
         return closest(any_hit, tree, code, once(distances)(code), farthest, face)
 
-    return walk(tree, boxes, leaf, farthest)
+    return boxes, leaf
 
 
 def leaf_distances(tree: Tree, leaf: Array, places: list[Array], ray: Rows, slot: Array | None = None) -> Array:
