@@ -89,8 +89,8 @@ def test_no_folder_is_crowded(folder: Path) -> None:
 
 # A probe, lanes of pixels, of paths and of edge samples, few of a packet, its rays, few shapes, arguments of a
 # linear function
-MANY = {"internals.py", "film.py", "regeneration.py", "boundary", "few.py", "traverse.py", "walk.py", "lockstep.py"}
-MANY |= {"few_shapes.py", "linear.py"}
+MANY = {"internals.py", "film.py", "regeneration.py", "shine.py", "boundary", "few.py", "linear.py"}
+MANY |= {"traverse.py", "walk.py", "lockstep.py", "few_shapes.py"}
 
 
 @pytest.mark.parametrize("module", MODULES, ids=str)

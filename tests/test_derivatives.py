@@ -142,6 +142,52 @@ def test_jvp_and_grad_and_jacrev_agree_with_jacfwd():
         np.testing.assert_allclose(gradient[k], jacobian[k].sum((0, 1, 2)), atol=192 * scale)
 
 
+SHINING = {
+    "camera": {"position": [0, 1, 5], "target": [0, 0.5, 0], "width": 8, "height": 8, "fov": 40},
+    "environment": {"radiance": [0.2, 0.1, 0.3]},
+    "materials": {
+        "floor": {"type": "diffuse", "albedo": [0.2, 0.8, 0.9]},
+        "mirror": {"type": "mirror", "albedo": [0.9, 0.7, 0.8]},
+    },
+    "spheres": [
+        {"center": [0, -50, 0], "radius": 50, "material": "floor"},
+        {"center": [0.5, 0.6, 0], "radius": 0.6, "material": "mirror"},
+    ],
+    "lights": [
+        {"position": [1, 3, 2], "intensity": [9, 8, 7], "radius": 0.5},
+        {"position": [-2, 2, 1], "intensity": [3, 4, 5], "radius": 0.2},
+    ],
+}
+SHINES = ("lights.position", "lights.radius", "lights.intensity", "environment.radiance")
+
+
+@unoptimised
+@pytest.mark.quick
+def test_what_shines_is_pulled_back_as_it_is_pushed_forward():
+    """Lights and sky have a pass of their own backwards: <w, J v> = <Jᵀ w, v> of each, to the rounding of sums, 1e-5.
+
+    With what paths see of them by light samples, in a mirror and by their last rays.
+    """
+    scene = jaxrt.build(SHINING)
+    start, random = {name: jaxrt.parameters(scene)[name] for name in SHINES}, np.random.default_rng(3)
+    along = {k: jnp.asarray(random.uniform(0.5, 1, x.shape), x.dtype) for k, x in start.items()}
+    weights = jnp.asarray(random.uniform(0.5, 1, (8, 8, 3)), jnp.float32)
+
+    def picture(values):
+        return jaxrt.render(jaxrt.with_parameters(scene, values), 1, spp=4, max_depth=3, devices=ONE)
+
+    @jax.jit
+    def pushed(number):
+        directions = {one: jnp.where(i == number, along[one], 0) for i, one in enumerate(SHINES)}
+        return jnp.vdot(weights, jax.jvp(picture, (start,), (directions,))[1])
+
+    pulled = jax.jit(jax.grad(lambda values: jnp.vdot(weights, picture(values))))(start)
+    for i, name in enumerate(SHINES):
+        change = float(pushed(i))
+        assert abs(change) > 1e-2
+        assert float(jnp.vdot(pulled[name], along[name])) == pytest.approx(change, rel=1e-5, abs=1e-5), name
+
+
 @unoptimised
 @pytest.mark.quick
 def test_vmap_of_pictures_and_of_gradients():

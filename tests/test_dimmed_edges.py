@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
 import jaxrt
 from jaxrt.boundary.shadows import Carrier, _power_kept, setting_out, vertex
+from jaxrt.boundary.trail import vertices_along
 from jaxrt.core.records import Ray, SurfacePoint
 from jaxrt.core.samplers import Stream
 from jaxrt.materials import Materials, scatter
@@ -48,13 +48,13 @@ def tables(absorption, inner, height=5.0):
 def arriving(tables):
     """Return what the floor shows of the lamp's light that falls straight through the balls' middle."""
     down = Ray(tables.lights.lights.position[0] - jnp.asarray([0.0, 0.12, 0.0]), jnp.asarray([0.0, -1.0, 0.0]))
-    zero, draw = jnp.zeros(3), SimpleNamespace(stream=Stream(*(jnp.uint32(i) for i in range(4))))
+    zero, stream = jnp.zeros(3), Stream(*(jnp.uint32(i) for i in range(4)))
     carrier = setting_out(
         Carrier(down, down, jnp.zeros(()), jnp.ones(3), zero),
         around_lights(tables.geometry, tables.materials, tables.lights.lights),
         jnp.int32(0),
     )
-    return lax.scan(partial(vertex, tables, draw, True), carrier, jnp.arange(5, dtype=jnp.int32))[1].weight
+    return vertices_along(partial(vertex, True), tables, stream, carrier, 5).weight
 
 
 def test_light_fades_on_its_way_from_a_lamp(quick_compilation):

@@ -26,7 +26,7 @@ from jaxrt.boundary.shadows import (
     vertex,
 )
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, bins_for, edge_table, rim_at
-from jaxrt.boundary.trail import one_of, path_from, spheres_count, through_lens
+from jaxrt.boundary.trail import one_of, path_from, spheres_count, through_lens, vertices_along
 from jaxrt.cameras import edges_known
 from jaxrt.core.maths import cross, dot, normalize, safe_divide, safe_sqrt, unit_roundoff
 from jaxrt.core.pytree import pytree, where
@@ -252,9 +252,8 @@ def _skimming(operands: CausticTables, row: Array, rim: Rim, direction: Array) -
 def _followed(plan: Plan, operands: CausticTables, draw: Draw, light: Grazing) -> tuple[EdgeSamples, Array]:
     """Return what light brings to the picture by mirrors and glass, and the constants of its clearance."""
     tables, rim = operands.tables, light.rim
-    events = jnp.arange(plan.max_depth, dtype=jnp.int32)
-    _, vertices = lax.scan(partial(vertex, tables, draw, True), light.carrier, events)
-    skimming = jnp.where((events < plan.max_depth - 1)[:, None], light.skimming[None], 0)
+    vertices = vertices_along(partial(vertex, True), tables, draw.stream, light.carrier, plan.max_depth)
+    skimming = jnp.where((jnp.arange(plan.max_depth) < plan.max_depth - 1)[:, None], light.skimming[None], 0)
     vertices = replace(vertices, weight=vertices.weight * (1 - skimming))
     measure = jnp.sum(vertices.weight)
     anchors = occluder_anchors(operands.outlines, plan.geometry_moves, light.row, light.t, rim)

@@ -18,7 +18,7 @@ from jaxrt.boundary.anchors import occluder_anchors, surface_anchors
 from jaxrt.boundary.clearance import Anchors, EdgeSamples, LightPoints, ViewRays, beside
 from jaxrt.boundary.guiding import Draw, place, sample_guided
 from jaxrt.boundary.silhouettes import Rim, Silhouettes, angular_lengths, bins_for, edge_table, rim_at
-from jaxrt.boundary.trail import Vertex, one_of, path_from, through_lens
+from jaxrt.boundary.trail import Vertex, one_of, path_from, through_lens, vertices_along
 from jaxrt.cameras import Projection, edges_known, projection
 from jaxrt.core.maths import dot, face_forward, normalize, safe_divide, safe_sqrt, unit_roundoff
 from jaxrt.core.pytree import pytree
@@ -151,8 +151,7 @@ def _sample(plan: Plan, bins: int, operands: ShadowTables, draw: Draw) -> tuple[
     density = placed.density * bins * draw.total
     carrier = setting_out(once(carrier_past)(source, rim, density), operands.around, light)
     # Follow its light
-    walk = partial(vertex, tables, draw, False)
-    _, vertices = lax.scan(walk, carrier, jnp.arange(plan.max_depth, dtype=jnp.int32))
+    vertices = vertices_along(partial(vertex, False), tables, draw.stream, carrier, plan.max_depth)
     receiver = jax.tree.map(lambda x: x[0], vertices)
     samples = once(partial(_edge_samples, plan))(operands, light, source, row, t, rim, receiver, vertices, draw.stream)
     along = _along(rim, source, receiver)
@@ -236,7 +235,7 @@ def setting_out(carrier: Carrier, around: Array | None, light: Array) -> Carrier
     return carrier if around is None else replace(carrier, absorption=around[light])
 
 
-def vertex(tables: Tables, draw: Draw, bent: bool, carrier: Carrier, k: Array) -> tuple[Carrier, Vertex]:
+def vertex(bent: bool, tables: Tables, stream: Stream, carrier: Carrier, k: Array) -> tuple[Carrier, Vertex]:
     """Return the light one surface on, and the vertex there. k: () its number, from 0.
 
     bent: whether the first surface must be a mirror or glass; else it must not, for light samples do not light these.
@@ -252,7 +251,7 @@ def vertex(tables: Tables, draw: Draw, bent: bool, carrier: Carrier, k: Array) -
         arriving = arriving * jnp.exp(-medium.here * jnp.where(arrived, travelled, 0))
         # Materials would count what the way to the camera loses
         point = replace(point, travelled=None)
-    _, _, *u = (x.astype(wo.dtype) for x in independent(draw.stream, k + 1))
+    _, _, *u = (x.astype(wo.dtype) for x in independent(stream, k + 1))
     scattering = in_stages(scatter)(tables.materials, point, wo, (u[0], u[1]))
     passes = arrived & ((scattering.specular if bent else scattering.lit) | (k > 0))
     # Show it to the camera

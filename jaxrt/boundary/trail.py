@@ -4,9 +4,10 @@ The clearance of a path's last ray, or last point, is a number; what it changes 
 found backwards, event by event, without reading more of the scene than the surface of each event.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +21,7 @@ from jaxrt.core.pytree import pytree, where
 from jaxrt.core.records import Hit, Ray, SurfacePoint
 from jaxrt.core.samplers import LAST, Stream, independent
 from jaxrt.core.sampling import numbers_of_direction
+from jaxrt.kernels.few import where_any
 from jaxrt.kernels.native import once
 from jaxrt.materials import Materials, numbers_toward, scatter, single
 from jaxrt.shapes import Geometry, leave, surface_point
@@ -244,6 +246,31 @@ def path_through(
     if last is not None:
         beyond = jnp.where((jnp.arange(index.shape[0]) == last[0])[:, None], last[1][None], beyond)
     return jax.vmap(once(partial(_turn, tables)))(source, points, index, beyond, coins)
+
+
+def vertices_along(
+    vertex: Callable[[Tables, Stream, Any, Array], tuple[Any, Vertex]],
+    tables: Tables,
+    stream: Stream,
+    carrier: Any,
+    events: int,
+) -> Vertex:
+    """Return the vertices (events,) that light comes to, each by vertex(tables, stream, carrier, number).
+
+    carrier: light under way, with its flux (3,). A packet of which none is left looks for nothing.
+    """
+
+    def dark(tables: Tables, stream: Stream, carrier: Any, k: Array) -> tuple[Any, Vertex]:
+        shapes = jax.eval_shape(vertex, tables, stream, carrier, k)[1]
+        nothing: Vertex = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+        return carrier, replace(nothing, pixel=jnp.int32(tables.camera.width * tables.camera.height))
+
+    def step(carrier: Any, k: Array) -> tuple[Any, Vertex]:
+        found: tuple[Any, Vertex] = where_any(jnp.any(carrier.flux != 0), vertex, dark, tables, stream, carrier, k)
+        return found
+
+    vertices: Vertex = lax.scan(step, carrier, jnp.arange(events, dtype=jnp.int32))[1]
+    return vertices
 
 
 def one_of(vertices: Vertex, choice: Array) -> tuple[Vertex, Array]:

@@ -81,7 +81,7 @@ def sample_packet(
 
     attached: with the light samples that derivatives want, see `path.radiance`. marks: (lanes, …), see there.
     """
-    x, y = _pixels_of(plan, tables, run, packet)
+    x, y = pixels_of(plan, tables, run, packet)
     return jax.vmap(partial(_sample, plan, tables, run, sample, attached))(x, y, marks)
 
 
@@ -90,7 +90,7 @@ def size_of(tables: Tables, plan: Plan) -> tuple[int, int]:
     return plan.size or (tables.camera.width, tables.camera.height)
 
 
-def _pixels_of(plan: Plan, tables: Tables, run: Run, packet: Array) -> tuple[Array, Array]:
+def pixels_of(plan: Plan, tables: Tables, run: Run, packet: Array) -> tuple[Array, Array]:
     """Return columns and rows (lanes,) of a packet's pixels."""
     return pixel_of(plan, tables, run, packet, jnp.arange(plan.lanes, dtype=jnp.int32))
 
@@ -162,7 +162,7 @@ def draw_numbers(tables: Tables, run: Run, plan: Plan) -> Array:
 
     def packet(operands: tuple[Tables, Run], packet: Array) -> Array:
         tables, run = operands
-        return jax.vmap(partial(middle, tables))(*_pixels_of(plan, tables, run, packet))
+        return jax.vmap(partial(middle, tables))(*pixels_of(plan, tables, run, packet))
 
     # Batches in turn, as for pictures
     return in_turn(lambda *operands: draw_packets(packet, operands, size_of(tables, plan), plan))(tables, run)

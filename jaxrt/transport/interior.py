@@ -38,6 +38,7 @@ from jaxrt.transport.film import (
 )
 from jaxrt.transport.path import Tables
 from jaxrt.transport.regeneration import MOST, draw_paths, regenerates
+from jaxrt.transport.shine import pull_light
 
 # Derivatives of a batch that share one pass over the paths, forwards and backwards. Backwards the paths are the lesser
 # part, and packets of a batch too wide for a native kernel
@@ -188,11 +189,16 @@ class _Derivative(NamedTuple):
         marks: Array | None = None,
     ) -> Array:
         """Return the packet's radiance, with new values of some leaves."""
+        tables, run = self._with(constants, values)
+        return sample_packet(plan, tables, run, sample, packet, self.attached, marks)
+
+    def _with(self, constants: Leaves, values: dict[int, Array]) -> tuple[Tables, Run]:
+        """Return (tables, run), with new values of some leaves."""
         leaves = list(constants)
         for i, value in values.items():
             leaves[i] = value
         tables, run = jax.tree.unflatten(self.structure, leaves)
-        return sample_packet(plan, tables, run, sample, packet, self.attached, marks)
+        return tables, run
 
     def _tangent(self, operands: tuple[Leaves, Leaves], packet: Array) -> Array:
         constants, changes = operands
@@ -216,15 +222,28 @@ class _Derivative(NamedTuple):
             lookups = 1 if plan.outputs else plan.max_depth
             marks = jnp.zeros((plan.lanes, *marks_of(tables.materials, lookups)), weights.dtype)
 
+        def pull(sample: Array) -> tuple[dict[int, Array], Array | None]:
+            if self._shine_alone:
+                scene_with = partial(self._with, constants)
+                return pull_light(plan, scene_with, values, sample, packet, weights[packet], self.attached), None
+            return jax.vjp(partial(self._lanes, plan, constants, sample, packet), values, marks)[1](weights[packet])
+
         def add_sample(sample: Array, sums: _Sums) -> _Sums:
-            _, pull = jax.vjp(partial(self._lanes, plan, constants, sample, packet), values, marks)
-            changes, read = pull(weights[packet])
+            changes, read = pull(sample)
             dense = kahan_add_all(sums.dense, [changes[i] for i in self._dense])
             return _Sums(dense, sums.texels if read is None else add_marks(sums.texels, read.reshape(-1, WIDTH)))
 
         nothing = [jnp.zeros_like(value) for value in values.values()]
         own = lax.fori_loop(run.first, run.end, add_sample, _Sums([nothing, nothing], sums.texels))
         return _Sums(kahan_add_all(sums.dense, own.dense[0]), own.texels)
+
+    @property
+    def _shine_alone(self) -> bool:
+        """Whether what moves changes the light of paths, and not where they go."""
+        tables = jax.tree.unflatten(self.structure, list(range(self.structure.num_leaves)))[0]
+        lit = jax.tree.leaves((tables.lights, tables.environment))
+        walks = (tables.geometry.spheres, tables.geometry.triangles) != (None, None)
+        return walks and not (self.plan.outputs or self.plan.unroll) and set(self.moved) <= set(lit)
 
     @property
     def _dense(self) -> list[int]:

@@ -140,13 +140,13 @@ def radiance(
         return sky + sky_radiance(tables.lights, ray.direction) if shines_from_afar(tables.lights) else sky
     if unroll:
         for k in range(1, max_depth + 1):
-            walk = _event(marked(tables, None if marks is None else marks[k - 1]), walk, numbers(k), attached)
+            walk = next_event(marked(tables, None if marks is None else marks[k - 1]), walk, numbers(k), attached)
     else:
         # Of each event, derivatives backwards keep the walk, what was hit and two numbers, and compute the rest again
         @partial(jax.checkpoint, policy=jax.checkpoint_policies.save_only_these_names(_KEPT), prevent_cse=False)
         def event(walk: Walk, one: tuple[Array, Array | None]) -> tuple[Walk, None]:
             k, mark = one
-            return _event(marked(tables, mark), walk, numbers(k), attached), None
+            return next_event(marked(tables, mark), walk, numbers(k), attached), None
 
         walk, _ = lax.scan(event, walk, (jnp.arange(1, max_depth + 1), marks))
     return last_look(tables, walk)
@@ -166,8 +166,8 @@ def walk_along(tables: Tables, ray: Ray, specular: bool | Array) -> Walk:
     return Walk(ray, ones, jnp.zeros_like(ones), jnp.full((), specular), pdf, alive, absorption)
 
 
-def _event(tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array], attached: bool) -> Walk:
-    """Return the path one scattering event on."""
+def next_event(tables: Tables, walk: Walk, u: tuple[Array, Array, Array, Array], attached: bool) -> Walk:
+    """Return the path one scattering event on; where it goes, lights have no part in. u: as of `event_at`."""
     hit = checkpoint_name(once(find)(tables.geometry, walk.ray, walk.alive), _KEPT)
     return event_at(tables, walk, hit, once(surface_point)(tables.geometry, walk.ray, hit), u, attached)
 

@@ -5,6 +5,7 @@ surfaces, or the same in the light and in the shadow, have an edge between them.
 several times, for what it reflects is as bright as what it shows and is drawn seldom.
 """
 
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -12,7 +13,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.boundary.guiding import of_packets
-from jaxrt.boundary.lines.chains import Lamp, Numbers, lamp_middle
+from jaxrt.boundary.lines.chains import Chain, Lamp, Numbers, is_light, lamp_middle
 from jaxrt.boundary.lines.lamps import shows_lamp
 from jaxrt.boundary.lines.looks import (
     FAINT,
@@ -64,13 +65,25 @@ def _in_tile(plan: Plan, tables: Tables, stream: Stream, start: Array) -> Array:
     corners = start[None] + places
     lamps = _lamps(tables, numbers_of(stream, start.dtype)(0)) if has_shadows(plan, tables) else None
 
+    def compared(tables: Tables, corners: Array, looks: Look, lamps: Lamp | None) -> Array:
+        if lamps is not None:
+            looks = replace(looks, lit=jax.vmap(partial(_lit, plan, tables, lamps))(looks.chain))
+        promised: Array = once(partial(_compared, plan))(tables, corners, looks)
+        return promised
+
     def one(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         found, turn, _ = state
         numbers = _leading(tables.materials, numbers_of(stream, start.dtype), turn)
-        looks = jax.vmap(partial(_look, plan, tables, numbers, lamps))(corners)
-        promised = once(partial(_compared, plan))(tables, corners, looks)
+        looks = jax.vmap(partial(_look, plan, tables, numbers))(corners)
+        chains = looks.chain
+        goes = jnp.any(chains.last > 0)
+        # Where all see one thing, or where lights alone move and none shows, nothing ends
+        ends = jnp.any(chains.met[:, 0] != chains.met[0, 0])
+        if not plan.geometry_moves:
+            ends = ends & jnp.any(is_light(tables, chains.met[:, 0]))
+        promised = lax.cond(goes | ends, compared, lambda *_: jnp.zeros_like(found), tables, corners, looks, lamps)
         found = jnp.maximum(found, jnp.where(turn == 0, promised, SELDOM * promised))
-        return found, turn + 1, jnp.any(looks.chain.last > 0)
+        return found, turn + 1, goes
 
     turns = 3 if goes_on(plan, tables.materials) and _may_choose(tables.materials) else 1
     nothing = jnp.zeros((TILE[0] - 1, TILE[1] - 1), start.dtype)
@@ -104,13 +117,15 @@ def _lamps(tables: Tables, u: tuple[Array, Array, Array, Array]) -> Lamp:
     return lax.map(lambda i: lamp_middle(tables, (u[0], (i + u[1]) / n, u[2], u[3])), jnp.arange(n, dtype=u[1].dtype))
 
 
-def _look(plan: Plan, tables: Tables, numbers: Numbers, lamps: Lamp | None, corner: Array) -> Look:
-    """Return what is seen at a corner, and from which of some lamps (l,) that is lit."""
-    look = look_at(plan, tables, line_at(corner, jnp.ones((), bool)), jnp.zeros_like(corner[0]), numbers)
-    if lamps is None:
-        return look
-    lit = lax.map(lambda lamp: is_lit(plan, tables, look.chain, lamp), lamps)
-    return Look(look.place, look.chain, lit)
+def _look(plan: Plan, tables: Tables, numbers: Numbers, corner: Array) -> Look:
+    """Return what is seen at a corner."""
+    return look_at(plan, tables, line_at(corner, jnp.ones((), bool)), jnp.zeros_like(corner[0]), numbers)
+
+
+def _lit(plan: Plan, tables: Tables, lamps: Lamp, chain: Chain) -> Array:
+    """Return from which of some lamps (l,) a chain's end is lit."""
+    lit: Array = lax.map(partial(is_lit, plan, tables, chain), lamps)
+    return lit
 
 
 def _compared(plan: Plan, tables: Tables, corners: Array, looks: Look) -> Array:

@@ -5,6 +5,7 @@ distance to the rim, so the inside is shaded at the rim itself.
 """
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import jax
@@ -22,7 +23,7 @@ from jaxrt.kernels.native import once
 from jaxrt.shapes import Geometry, charted_as, find, measured, surface_point
 from jaxrt.shapes.sphere import onto_sphere, sphere_chart, sphere_error
 from jaxrt.shapes.triangle import triangle_point_at
-from jaxrt.transport.path import Tables, Walk, arrive, depart, event_at, looks_at_last, walk_along
+from jaxrt.transport.path import Tables, Walk, arrive, depart, looks_at_last, walk_along
 
 CLOSE = 1e-5  # what hides an outline is nearer by this share of its distance
 
@@ -46,33 +47,42 @@ def change_across(tables: Tables, outlines: Silhouettes, glance: Glance, max_dep
     Both sides use the same random numbers, so that equal surfaces cancel. One loop finds what these rays meet and what
     all later ones do, for a search is dear to compile.
     """
-    looks, row, rim = looks_at_last(tables), glance.row, glance.rim
+    looks = looks_at_last(tables)
 
     def event(k: Array, state: tuple[Walk, Array]) -> tuple[Walk, Array]:
         walks, clear = state
+        operands = tables, outlines, glance, k, walks, clear
+        # What is hidden needs no light
+        following: tuple[Walk, Array] = where_any((k == glance.first) | clear, go_on, lambda *x: x[-2:], *operands)
+        return following
+
+    def go_on(
+        tables: Tables, outlines: Silhouettes, glance: Glance, k: Array, walks: Walk, clear: Array
+    ) -> tuple[Walk, Array]:
         hits = jax.vmap(once(find), in_axes=(None, 0, 0))(tables.geometry, walks.ray, walks.alive)
         points = jax.vmap(once(surface_point), in_axes=(None, 0, 0))(tables.geometry, walks.ray, hits)
-        begins = k == glance.first
-        operands = begins, clear, tables.geometry, outlines, row, rim, (walks.ray, hits, points)
-        (rays, hits, points), clear = where_any(begins, _begun, lambda *x: (x[-1], x[1]), *operands)
+        begins, met = k == glance.first, (walks.ray, hits, points)
+        known = begins, clear, tables.geometry, outlines, glance.row, glance.rim, met
+        (rays, hits, points), clear = where_any(begins, _begun, lambda *x: (x[-1], x[1]), *known)
         u = tuple(x.astype(glance.eye.dtype) for x in independent(glance.stream, k))
-
-        def onward(walk: Walk, hit: Hit, point: SurfacePoint) -> Walk:
-            if not looks:
-                return event_at(tables, walk, hit, point, u)
-            # The last ray only looks
-            walk, goes_on = arrive(tables, walk, hit, point), k <= max_depth
-            return where(goes_on, depart(tables, walk, Hit(hit.index, hit.valid & goes_on), point, u), walk)
-
-        return jax.vmap(onward)(replace(walks, ray=rays), hits, points), clear
+        walks = jax.vmap(partial(arrive, tables))(replace(walks, ray=rays), hits, points)
+        # The last ray only looks
+        goes_on = clear & (k <= max_depth)
+        operands = tables, walks, replace(hits, valid=hits.valid & goes_on), points, u
+        return where(goes_on, where_any(goes_on, _departed, lambda *x: x[1], *operands), walks), clear
 
     def start(ray: Ray) -> Walk:
         walk = walk_along(tables, ray, glance.sees_lights)
         return walk if glance.absorption is None else replace(walk, absorption=glance.absorption)
 
-    walks = jax.vmap(start)(_rays_past(rim, glance.eye))
+    walks = jax.vmap(start)(_rays_past(glance.rim, glance.eye))
     walks, clear = lax.fori_loop(glance.first, max_depth + 1 + looks, event, (walks, jnp.zeros((), bool)))
     return walks.radiance[0] - walks.radiance[1], clear
+
+
+def _departed(tables: Tables, walks: Walk, hits: Hit, points: SurfacePoint, u: tuple[Array, ...]) -> Walk:
+    """Return both paths (2,) gone on from where they have arrived, by the same numbers."""
+    return jax.vmap(partial(depart, u=u), in_axes=(None, 0, 0, 0))(tables, walks, hits, points)
 
 
 def both_sides(

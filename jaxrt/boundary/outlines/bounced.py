@@ -34,6 +34,7 @@ from jaxrt.transport.path import Tables
 
 TILES = 8  # the picture is divided into so many parts each way, among which a pilot shares the samples
 CANDIDATES = 32  # points of outlines, of which one is taken by how large it looks
+LIGHTS_ONLY = 8  # the same where lights alone move: their outlines are few and look alike
 LOOKOUTS = 64
 WIDE = 3.0  # radians: a lobe of all directions
 TURNED = 1e-6  # least cosine at which a surface sees anything
@@ -150,8 +151,9 @@ def seen_by_surfaces(
     seen_at = None if plan.filter is None else beside(jnp.stack([x, y])[None], plan.filter)
     # How it moves
     anchors = occluder_anchors(outlines, plan.geometry_moves, grazing.row, grazing.t, grazing.rim)
-    # `last` counts from 0, and its ray comes after it
-    glance = Glance(eye, grazing.row, grazing.rim, jnp.zeros((), bool), absorption, draw.stream, last + 2)
+    # `last` counts from 0, and its ray comes after it; what is not seen has no first event
+    first = jnp.where(seen, last + 2, plan.max_depth + 2)
+    glance = Glance(eye, grazing.row, grazing.rim, jnp.zeros((), bool), absorption, draw.stream, first)
     if not plan.geometry_moves:
         return glance, EdgeSamples(pixel[None], weight[None], None, None, (anchors,), place=seen_at)
     numbers = once(numbers_of_direction)(facing, direction)
@@ -214,6 +216,7 @@ def _grazing(
     """Return one of several points of outlines, taken by how much of the light that arrives each may change."""
     eye = station.eye
     start = once(nearest_lookout)(lookouts, eye) * outlines.rows
+    count = CANDIDATES if plan.geometry_moves else LIGHTS_ONLY
 
     def worth(tables: Tables, station: Station, rim: Rim, row: Array, density: Array) -> Array:
         own = (row == station.arrival.turn.index) & (row < outlines.spheres_count)
@@ -224,9 +227,9 @@ def _grazing(
     def drawn(outlines: Silhouettes, lookouts: Lookouts, lobe: Lobe | None, k: Array) -> tuple[Array, Array, Array]:
         """Return row, place and density of point k: all are evenly spread, but half of those by a lobe near to it."""
         if lobe is None:
-            return point_seen(lookouts, start, (k.astype(eye.dtype) + draw.spread[1]) / CANDIDATES, outlines.rows)
-        half = CANDIDATES // 2
-        each, number = jnp.where(lobe.there, half, CANDIDATES), jnp.where(lobe.there, k % half, k)
+            return point_seen(lookouts, start, (k.astype(eye.dtype) + draw.spread[1]) / count, outlines.rows)
+        half = count // 2
+        each, number = jnp.where(lobe.there, half, count), jnp.where(lobe.there, k % half, k)
         v = (number.astype(eye.dtype) + draw.spread[1]) / each
         row, t, density = point_seen(lookouts, start, v, outlines.rows)
         aim = aim_at(outlines, row, eye, lobe.direction, lobe.angle)
@@ -244,9 +247,9 @@ def _grazing(
     lobe = None if station.arrival.glossy is None else station.lobe(tables)
     nothing, coin = jnp.zeros_like(eye[0]), independent(draw.stream, 0)[0].astype(eye.dtype)
     none = Rim(jnp.zeros_like(eye), jnp.zeros_like(eye), nothing, nothing, nothing > 0)
-    row, t, rim, total, _ = lax.fori_loop(0, CANDIDATES, choose, (jnp.int32(0), nothing, none, nothing, coin))
+    row, t, rim, total, _ = lax.fori_loop(0, count, choose, (jnp.int32(0), nothing, none, nothing, coin))
     sent = station.sends(tables, normalize(rim.point - eye))
-    return Grazing(row, t, rim, sent * safe_divide(total / CANDIDATES, jnp.mean(sent)))
+    return Grazing(row, t, rim, sent * safe_divide(total / count, jnp.mean(sent)))
 
 
 def _aimed(turns: Turn, last: Array, numbers: tuple[Array, Array]) -> Turn:

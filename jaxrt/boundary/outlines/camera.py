@@ -65,7 +65,9 @@ def seen_by_camera(
         rays = ViewRays(view.image, facing, jnp.where(seen, view.depth, 0) * facing, camera.lens)
     seen_at = beside(view.image[None], plan.filter)
     absorption = jnp.zeros_like(eye) if tables.materials.absorb else None
-    glance = Glance(eye, row, rim, jnp.ones((), bool), absorption, draw.stream, jnp.int32(1))
+    # What is not seen has no first event
+    first = jnp.where(seen, 1, plan.max_depth + 2)
+    glance = Glance(eye, row, rim, jnp.ones((), bool), absorption, draw.stream, first)
     return glance, EdgeSamples(
         pixel[None], jnp.where(seen, spread, 0)[None, None], None, rays, (occluder,), place=seen_at
     )
