@@ -52,7 +52,7 @@ def rays(rng):
     return rng.normal(0, 3, (N, 3)).astype(np.float32), unit_vectors(rng, N).astype(np.float32), reach
 
 
-@pytest.mark.parametrize("n", [1, 2, 11])
+@pytest.mark.parametrize("n", [1, 11])
 def test_the_nearest_of_few_shapes(n):
     rng = np.random.default_rng(n)
     center = rng.normal(0, 3, (n, 3)).astype(np.float32)
