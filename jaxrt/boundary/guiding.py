@@ -211,7 +211,6 @@ def of_packets(
     f: Callable[[Operands, Array], Any], operands: Operands, packets: int, devices: tuple[jax.Device, ...]
 ) -> Any:
     """Return f(operands, packet) (packets, …) of each packet, wherever it is computed."""
-
     found = partial(map_together, together=TOGETHER) if want_wide(devices) else map_packets
 
     def on_device(operands: Operands, packets: Array) -> Any:
