@@ -16,6 +16,7 @@ from benchmarks.choices.figures import Choice, Figure, Table, cost, error
 from benchmarks.interleave import picture
 from jaxrt.core.maths import FAR, dot
 from jaxrt.core.records import Ray, SurfacePoint
+from jaxrt.scene import drawn
 from jaxrt.shapes import leave
 from jaxrt.shapes.sphere import Spheres, find_sphere, sphere_surface_point, sphere_table
 from jaxrt.shapes.triangle import corner_table, find_triangle, triangle_surface_point
@@ -123,10 +124,10 @@ def measure(rounds: int) -> list[Figure]:
         figures += [f for s in SCALES for f in faults(variant, s)]
         pictures[variant] = picture(jaxrt.build(room), 16, 4, [(path, "leave", method)])
     truth = np.asarray(pictures[OURS].draw())
-    for variant, drawn in pictures.items():
+    for variant, own in pictures.items():
         for s in SCALES:
             # Scenes of one structure share a program
-            other = drawn._replace(scene=picture_scene(room, s, drawn.scene))
+            other = own._replace(scene=picture_scene(room, s, own.scene))
             off = np.abs(np.asarray(other.draw()) - truth).mean() / truth.mean()
             figures.append(error(NAME, variant, wrong_at(s), 100 * float(off), ".2g"))
     return figures + cost(NAME, "picture of the room", {v: p.again for v, p in pictures.items()}, OURS, rounds)
@@ -136,7 +137,7 @@ def picture_scene(room: dict[str, Any], s: float, like: jaxrt.Scene) -> jaxrt.Sc
     """Return the scaled room with the static fields of a scene that was compiled."""
     from dataclasses import replace
 
-    return replace(jaxrt.build(scaled(room, s)), defaults=like.defaults)
+    return replace(drawn(jaxrt.build(scaled(room, s))), defaults=like.defaults)
 
 
 def argument(t: Table) -> str:
