@@ -1,7 +1,7 @@
 """The nearest and any hit of a ray on a mesh, through its tree, and what becomes of the search under vmap.
 
 Of many rays, those that stay together walk in packets (`packet.py`), the others one by one (`walk.py`): all, where the
-tree has no packets.
+tree has no packets. Where devices want many lanes, all walk side by side (`lockstep.py`).
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ from jaxrt.shapes.search.packet import walk_together
 from jaxrt.shapes.search.walk import RAY, nonzero, ray_rows, slabs, walk_alone
 
 PACKET = 32  # lanes of a packet
-LOCKSTEP = 1024  # more lanes than that walk each on its own, all at the same time, as accelerators want it
+LOCKSTEP = 1024  # more lanes than that walk side by side
 SPREAD = 0.5  # slopes of a packet differ by less than that
 ACROSS = 10  # on a tree of n leaves, a packet is no wider than this many sides of a leaf, √n of which span the tree
 LONELY = 4  # fewer lanes than that are not worth a packet
