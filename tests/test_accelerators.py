@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxrt
+from benchmarks.ladder import equations
 from jaxrt import boundary
 from jaxrt.boundary import guiding
 from jaxrt.boundary.outlines import bounced
@@ -40,7 +41,7 @@ def both(f, operands, n):
 
     packets = jnp.arange(n // 64, dtype=jnp.int32)
     narrow = jax.jit(lambda operands: map_packets(packet, operands, packets))(operands)
-    # Not all at once: a rest stays
+    # Not all at once, and the last turn is not full
     wide = jax.jit(lambda operands: map_together(packet, operands, packets, 100))(operands)
     return [jax.tree.map(lambda x: np.asarray(x).reshape(n, *x.shape[2:]), each) for each in (narrow, wide)]
 
@@ -79,6 +80,14 @@ def test_the_nearest_of_few_shapes(n):
     assert np.mean(narrow[0][0][1] >= 0) > 0 and np.mean(narrow[0][1][1] >= 0) > 0
     assert 0 < np.mean(narrow[1]) < 1 and 0 < np.mean(narrow[2]) < 1
     jax.tree.map(np.testing.assert_array_equal, narrow, wide)
+
+
+@pytest.mark.parametrize("n", [5, 8, 11])
+def test_turns_of_packets_share_one_program(n):
+    """However many packets there are: what is left to the last turn is not compiled anew."""
+    program = jax.make_jaxpr(lambda x: map_together(lambda x, k: jnp.sin(k * x), x, jnp.arange(n), 4))(1.0)
+    assert program.out_avals[0].shape == (n,)
+    assert [each.primitive.name for each in equations(program.jaxpr)].count("sin") == 1
 
 
 @pytest.mark.parametrize("n", [1, FEW, FEW + 1])

@@ -57,10 +57,18 @@ def map_packets(
 
 
 def map_together(f: Callable[[Operands, Array], Result], operands: Operands, packets: Array, together: int) -> Result:
-    """Return what `map_packets` does, of so many packets at the same time: for accelerators."""
-    return _call(
-        lambda operands, packets: lax.map(partial(f, operands), packets, batch_size=together), operands, packets, False
+    """Return what `map_packets` does, of at most so many packets at the same time: for accelerators.
+
+    All turns are of one size, the last filled up: f would be compiled once more for what is left to it.
+    """
+    n = packets.shape[0]
+    turns = -(-n // together)
+    size = -(-n // turns)
+    filled = jnp.pad(packets, (0, turns * size - n), mode="edge")
+    results = _call(
+        lambda operands, packets: lax.map(partial(f, operands), packets, batch_size=size), operands, filled, False
     )
+    return jax.tree.map(lambda x: x[:n], results)
 
 
 def fold_packets(
