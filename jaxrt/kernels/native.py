@@ -208,14 +208,19 @@ def in_stages(f: Callable[..., Result]) -> Callable[..., Result]:
     return lambda *operands: (stages(f) if in_native() else f)(*operands)
 
 
+def kernel() -> bool | None:
+    """Return whether the kernel that is being traced is native; None where none is."""
+    return _kernel.get()
+
+
 def in_native() -> bool:
     """Return whether a native kernel is being traced."""
-    return _kernel.get() is True
+    return kernel() is True
 
 
 def in_wide() -> bool:
     """Return whether a kernel for packets of many lanes is being traced, one operation of all lanes after another."""
-    return _kernel.get() is False
+    return kernel() is False
 
 
 _kernel: ContextVar[bool | None] = ContextVar("_kernel", default=None)  # whether what is being traced is native
