@@ -1,4 +1,4 @@
-"""A picture of the room, one of an uneven mesh, and a gradient, on the device at hand and on a CPU.
+"""Pictures of the room and of an uneven mesh, gradients without and with edges, on the device at hand and on a CPU.
 
     python -m benchmarks.accelerator [--size 512] [--spp 16] [--rounds 5] [--tiles 512x128 256x64] [--only room]
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxrt
+from benchmarks.ladder import equations
 from jaxrt import boundary
 from jaxrt.boundary import guiding
 from jaxrt.boundary.outlines import bounced
@@ -16,9 +17,11 @@ from jaxrt.core.maths import FAR
 from jaxrt.core.records import Ray
 from jaxrt.kernels.gather import FEW, take
 from jaxrt.kernels.native import map_packets, map_together
+from jaxrt.shapes import Triangles, topology_of
 from jaxrt.shapes.sphere import find_sphere, occluded_by_sphere, sphere_table
-from jaxrt.shapes.triangle import corner_table, find_triangle, occluded_by_triangle
+from jaxrt.shapes.triangle import corner_table, find_triangle, occluded_by_triangle, triangle_table
 from jaxrt.textures.recording import add_marks
+from tests.meshes import icosphere
 from tests.oracle import unit_vectors
 
 N = 40_000
@@ -40,7 +43,7 @@ def both(f, operands, n):
 
     packets = jnp.arange(n // 64, dtype=jnp.int32)
     narrow = jax.jit(lambda operands: map_packets(packet, operands, packets))(operands)
-    # Not all at once: a rest stays
+    # Not all at once, and the last turn is not full
     wide = jax.jit(lambda operands: map_together(packet, operands, packets, 100))(operands)
     return [jax.tree.map(lambda x: np.asarray(x).reshape(n, *x.shape[2:]), each) for each in (narrow, wide)]
 
@@ -79,6 +82,33 @@ def test_the_nearest_of_few_shapes(n):
     assert np.mean(narrow[0][0][1] >= 0) > 0 and np.mean(narrow[0][1][1] >= 0) > 0
     assert 0 < np.mean(narrow[1]) < 1 and 0 < np.mean(narrow[2]) < 1
     jax.tree.map(np.testing.assert_array_equal, narrow, wide)
+
+
+def test_a_native_search_is_not_taken_for_a_wide_one():
+    """JAX keeps what it has traced of a function, and does not know in what kernel."""
+    vertices, faces = icosphere(2)
+    rows = jnp.asarray(faces, jnp.int32)
+    ball = Triangles(jnp.asarray(vertices, jnp.float32), rows, rows[:, 0] * 0, topology_of(vertices, faces, 1))
+    o, d = jnp.ones((2, 64, 3), jnp.float32)
+
+    def packet(operands, _):
+        table, o, d = operands
+        return jax.vmap(lambda o, d: find_triangle(table, Ray(o, d), jnp.float32(9)))(o, d)
+
+    def names(mapped):
+        program = jax.make_jaxpr(lambda ball: mapped(packet, (triangle_table(ball), o, d), jnp.arange(2)))(ball)
+        return [each.params.get("name") for each in equations(program.jaxpr)]
+
+    wide, narrow = names(partial(map_together, together=2)), names(map_packets)
+    assert "_together" in narrow and "_together" not in wide
+
+
+@pytest.mark.parametrize("n", [5, 8, 11])
+def test_turns_of_packets_share_one_program(n):
+    """However many packets there are: what is left to the last turn is not compiled anew."""
+    program = jax.make_jaxpr(lambda x: map_together(lambda x, k: jnp.sin(k * x), x, jnp.arange(n), 4))(1.0)
+    assert program.out_avals[0].shape == (n,)
+    assert [each.primitive.name for each in equations(program.jaxpr)].count("sin") == 1
 
 
 @pytest.mark.parametrize("n", [1, FEW, FEW + 1])

@@ -42,7 +42,7 @@ def _add_rows(rows: Array, i: Array, *, n: int) -> Array:
     cells = rows.shape[i.ndim :]
     rows, i = rows.reshape(-1, 1, *cells), i.ravel()
     if not in_native():
-        return _add_at_once(rows[:, 0], i, n)
+        return add_at_once(rows[:, 0], i, n)
 
     def add(k: Array, table: Array) -> Array:
         total = lax.dynamic_slice_in_dim(table, i[k], 1) + rows[k]
@@ -51,8 +51,11 @@ def _add_rows(rows: Array, i: Array, *, n: int) -> Array:
     return lax.fori_loop(0, i.size, add, jnp.zeros((n, *cells), rows.dtype))
 
 
-def _add_at_once(rows: Array, i: Array, n: int) -> Array:
-    """Return what `_add_rows` does, of all rows at the same time: one after the other, accelerators took minutes."""
+def add_at_once(rows: Array, i: Array, n: int) -> Array:
+    """Return the table (n, …) of sums of rows (k, …) by their index (k,), for what is no native kernel.
+
+    One after the other, accelerators took minutes.
+    """
     if n > FEW or not in_wide():
         return jnp.zeros((n, *rows.shape[1:]), rows.dtype).at[i].add(rows, mode="promise_in_bounds")
     own = jnp.expand_dims(i[:, None] == jnp.arange(n, dtype=i.dtype)[None], tuple(range(2, rows.ndim + 1)))

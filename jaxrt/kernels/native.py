@@ -57,10 +57,18 @@ def map_packets(
 
 
 def map_together(f: Callable[[Operands, Array], Result], operands: Operands, packets: Array, together: int) -> Result:
-    """Return what `map_packets` does, of so many packets at the same time: for accelerators."""
-    return _call(
-        lambda operands, packets: lax.map(partial(f, operands), packets, batch_size=together), operands, packets, False
+    """Return what `map_packets` does, of at most so many packets at the same time: for accelerators.
+
+    All turns are of one size, the last filled up: f would be compiled once more for what is left to it.
+    """
+    n = packets.shape[0]
+    turns = -(-n // together)
+    size = -(-n // turns)
+    filled = jnp.pad(packets, (0, turns * size - n), mode="edge")
+    results = _call(
+        lambda operands, packets: lax.map(partial(f, operands), packets, batch_size=size), operands, filled, False
     )
+    return jax.tree.map(lambda x: x[:n], results)
 
 
 def fold_packets(
@@ -200,14 +208,19 @@ def in_stages(f: Callable[..., Result]) -> Callable[..., Result]:
     return lambda *operands: (stages(f) if in_native() else f)(*operands)
 
 
+def kernel() -> bool | None:
+    """Return whether the kernel that is being traced is native; None where none is."""
+    return _kernel.get()
+
+
 def in_native() -> bool:
     """Return whether a native kernel is being traced."""
-    return _kernel.get() is True
+    return kernel() is True
 
 
 def in_wide() -> bool:
     """Return whether a kernel for packets of many lanes is being traced, one operation of all lanes after another."""
-    return _kernel.get() is False
+    return kernel() is False
 
 
 _kernel: ContextVar[bool | None] = ContextVar("_kernel", default=None)  # whether what is being traced is native

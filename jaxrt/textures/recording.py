@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array, lax
 
 from jaxrt.core.maths import kahan_add
-from jaxrt.kernels.gather import take
+from jaxrt.kernels.gather import add_at_once, take
 from jaxrt.kernels.native import in_native
 
 Tap = tuple[Array, Array]  # () int32 row of a table, and its weight ()
@@ -75,5 +75,5 @@ def add_marks(sums: Array, marks: Array) -> Array:
         # One after the other
         return lax.fori_loop(0, 4 * marks.shape[0], add, sums)
     told = marks[:, 8:12, None] * marks[:, None, 12:]
-    more = jnp.zeros_like(sums[:, :3]).at[rows.ravel()].add(told.reshape(-1, 3), mode="promise_in_bounds")
+    more = add_at_once(told.reshape(-1, 3), rows.ravel(), sums.shape[0])
     return jnp.concatenate(kahan_add(sums[:, :3], sums[:, 3:], more), -1)

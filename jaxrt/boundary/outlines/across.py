@@ -47,21 +47,23 @@ def change_across(tables: Tables, outlines: Silhouettes, glance: Glance, max_dep
     Both sides use the same random numbers, so that equal surfaces cancel. One loop finds what these rays meet and what
     all later ones do, for a search is dear to compile.
     """
-    looks = looks_at_last(tables)
+    end = max_depth + 1 + looks_at_last(tables)
 
     def event(k: Array, state: tuple[Walk, Array]) -> tuple[Walk, Array]:
         walks, clear = state
-        operands = tables, outlines, glance, k, walks, clear
-        # What is hidden needs no light
-        following: tuple[Walk, Array] = where_any((k == glance.first) | clear, go_on, lambda *x: x[-2:], *operands)
+        # A lane that has ended, or has no first event, waits for others at its number; what is hidden needs no light
+        running = k < end
+        begins = running & (k == glance.first)
+        operands = tables, outlines, glance, begins, k, walks, clear
+        following: tuple[Walk, Array] = where_any(begins | (running & clear), go_on, lambda *x: x[-2:], *operands)
         return following
 
     def go_on(
-        tables: Tables, outlines: Silhouettes, glance: Glance, k: Array, walks: Walk, clear: Array
+        tables: Tables, outlines: Silhouettes, glance: Glance, begins: Array, k: Array, walks: Walk, clear: Array
     ) -> tuple[Walk, Array]:
         hits = jax.vmap(once(find), in_axes=(None, 0, 0))(tables.geometry, walks.ray, walks.alive)
         points = jax.vmap(once(surface_point), in_axes=(None, 0, 0))(tables.geometry, walks.ray, hits)
-        begins, met = k == glance.first, (walks.ray, hits, points)
+        met = walks.ray, hits, points
         known = begins, clear, tables.geometry, outlines, glance.row, glance.rim, met
         (rays, hits, points), clear = where_any(begins, _begun, lambda *x: (x[-1], x[1]), *known)
         u = tuple(x.astype(glance.eye.dtype) for x in independent(glance.stream, k))
@@ -76,7 +78,7 @@ def change_across(tables: Tables, outlines: Silhouettes, glance: Glance, max_dep
         return walk if glance.absorption is None else replace(walk, absorption=glance.absorption)
 
     walks = jax.vmap(start)(_rays_past(glance.rim, glance.eye))
-    walks, clear = lax.fori_loop(glance.first, max_depth + 1 + looks, event, (walks, jnp.zeros((), bool)))
+    walks, clear = lax.fori_loop(glance.first, end, event, (walks, jnp.zeros((), bool)))
     return walks.radiance[0] - walks.radiance[1], clear
 
 

@@ -34,7 +34,7 @@ from jaxrt.transport.path import Tables
 
 TILES = 8  # the picture is divided into so many parts each way, among which a pilot shares the samples
 CANDIDATES = 32  # points of outlines, of which one is taken by how large it looks
-LIGHTS_ONLY = 8  # the same where lights alone move: their outlines are few and look alike
+CANDIDATES_OF_LIGHTS = 8  # the same where lights alone move: their outlines are few and look alike
 LOOKOUTS = 64
 WIDE = 3.0  # radians: a lobe of all directions
 TURNED = 1e-6  # least cosine at which a surface sees anything
@@ -216,7 +216,7 @@ def _grazing(
     """Return one of several points of outlines, taken by how much of the light that arrives each may change."""
     eye = station.eye
     start = once(nearest_lookout)(lookouts, eye) * outlines.rows
-    count = CANDIDATES if plan.geometry_moves else LIGHTS_ONLY
+    count = CANDIDATES if plan.geometry_moves else CANDIDATES_OF_LIGHTS
 
     def worth(tables: Tables, station: Station, rim: Rim, row: Array, density: Array) -> Array:
         own = (row == station.arrival.turn.index) & (row < outlines.spheres_count)

@@ -42,7 +42,7 @@ def walk_side_by_side(any_hit: bool, tree: Tree, o: Array, d: Array, farthest: A
 
     def begin(farthest: Array) -> State:
         w = start(tree, farthest)
-        return _where(going(w), w, _done(w))
+        return _where(farthest > 0, w, _done(w))
 
     end = lax.while_loop(
         lambda w: jnp.any(w.code != NONE), lambda w: jax.vmap(turn)(w, *rays), jax.vmap(begin)(farthest)

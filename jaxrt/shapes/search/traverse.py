@@ -1,11 +1,11 @@
 """The nearest and any hit of a ray on a mesh, through its tree, and what becomes of the search under vmap.
 
 Of many rays, those that stay together walk in packets (`packet.py`), the others one by one (`walk.py`): all, where the
-tree has no packets.
+tree has no packets. Where devices want many lanes, all walk side by side (`lockstep.py`).
 """
 
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +15,7 @@ from jax.custom_batching import custom_vmap
 from jaxrt.core.maths import FAR, unit_roundoff
 from jaxrt.kernels.bits import each, mask
 from jaxrt.kernels.gather import part, put
-from jaxrt.kernels.native import in_wide, once
+from jaxrt.kernels.native import kernel, once
 from jaxrt.shapes.edges import main_axis
 from jaxrt.shapes.search.boxes import Tree
 from jaxrt.shapes.search.lockstep import walk_side_by_side
@@ -24,7 +24,7 @@ from jaxrt.shapes.search.packet import walk_together
 from jaxrt.shapes.search.walk import RAY, nonzero, ray_rows, slabs, walk_alone
 
 PACKET = 32  # lanes of a packet
-LOCKSTEP = 1024  # more lanes than that walk each on its own, all at the same time, as accelerators want it
+LOCKSTEP = 1024  # more lanes than that walk side by side
 SPREAD = 0.5  # slopes of a packet differ by less than that
 ACROSS = 10  # on a tree of n leaves, a packet is no wider than this many sides of a leaf, √n of which span the tree
 LONELY = 4  # fewer lanes than that are not worth a packet
@@ -33,12 +33,12 @@ ALONE = -2  # instead of a face: the ray is still to walk, by itself
 
 def nearest_hit(tree: Tree, origin: Array, direction: Array, farthest: Array) -> tuple[Array, Array]:
     """Return (distance, face) of what one ray hits first, closer than `farthest`; `farthest` and −1 if nothing is."""
-    return _nearest(tree, origin, direction, farthest)
+    return _batchable(False, kernel())(tree, origin, direction, farthest)
 
 
 def any_hit(tree: Tree, origin: Array, direction: Array, farthest: Array) -> Array:
     """Return whether one ray hits anything closer than `farthest`."""
-    return _any(tree, origin, direction, farthest)[1] >= 0
+    return _batchable(True, kernel())(tree, origin, direction, farthest)[1] >= 0
 
 
 def _alone(any_hit: bool, tree: Tree, o: Array, d: Array, farthest: Array) -> tuple[Array, Array]:
@@ -139,15 +139,21 @@ def _spread(v: Array, alive: Array) -> Array:
     return most(x, most(y, z))
 
 
-def _many(any_hit: bool, tree: Tree, o: Array, d: Array, farthest: Array) -> tuple[Array, Array]:
-    """Return (distance, face) of many rays."""
-    if farthest.shape[0] > LOCKSTEP or in_wide():
+def _many(any_hit: bool, wide: bool, tree: Tree, o: Array, d: Array, farthest: Array) -> tuple[Array, Array]:
+    """Return (distance, face) of many rays. wide: side by side, however many they are."""
+    if farthest.shape[0] > LOCKSTEP or wide:
         return walk_side_by_side(any_hit, tree, o, d, farthest)
     return once(partial(_together, any_hit))(tree, o, d, farthest)
 
 
-def _batchable(any_hit: bool) -> Callable[..., tuple[Array, Array]]:
-    """Return the search of one ray whose vmap walks many rays, and whose vmap of vmap maps over those."""
+@cache
+def _batchable(any_hit: bool, native: bool | None) -> Callable[..., tuple[Array, Array]]:
+    """Return the search of one ray whose vmap walks many rays, and whose vmap of vmap maps over those.
+
+    native: as `kernel` tells. Each kind of kernel has a search of its own: jax 0.12 keeps what it has traced of a
+    function, and would take one kind's for another's.
+    """
+    wide = native is False
 
     @custom_vmap
     def one(tree: Tree, o: Array, d: Array, farthest: Array) -> tuple[Array, Array]:
@@ -155,7 +161,7 @@ def _batchable(any_hit: bool) -> Callable[..., tuple[Array, Array]]:
 
     @custom_vmap
     def many(tree: Tree, o: Array, d: Array, farthest: Array) -> tuple[Array, Array]:
-        return _many(any_hit, tree, o, d, farthest)
+        return _many(any_hit, wide, tree, o, d, farthest)
 
     def mapped(f: Callable[..., tuple[Array, Array]], size: int, batched: list, operands: tuple) -> tuple:
         """Return f of each of the batch, one after another."""
@@ -184,12 +190,9 @@ def _batchable(any_hit: bool) -> Callable[..., tuple[Array, Array]]:
 
     @many.def_vmap
     def many_rule(size: int, batched: list, tree: Tree, *rays: Array) -> tuple:
-        if not in_wide() or any(jax.tree.leaves(batched[0])):
+        if not wide or any(jax.tree.leaves(batched[0])):
             return mapped(many, size, batched, (tree, *rays))
         found = many(tree, *(x.reshape(-1, *x.shape[2:]) for x in own(size, batched[1:], rays)))
         return tuple(x.reshape(size, -1) for x in found), (True, True)
 
     return one
-
-
-_nearest, _any = _batchable(False), _batchable(True)

@@ -52,7 +52,8 @@ class State(NamedTuple):
     """A walk under way. Lanes: () for one ray, (n,) for a packet."""
 
     top: Array  # () int32 level of the stack in use, −1 when it is empty
-    stack: Array  # (2·depth + 2,) int32 of each level a node, and its children still to be visited as bits
+    # Of each level a node, and its children still to be visited as bits; one level more, to be written in vain
+    stack: Array  # (2·depth + 2,) int32
     code: Array  # () int32 what to visit now: a node, a leaf (negative), or NONE
     left: Array  # () int32 children of the node still to be visited
     box: Array  # () uint32 where its box is among the words of its parent
