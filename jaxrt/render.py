@@ -265,20 +265,23 @@ def prepare(
     scene, devices = _placed(scene, devices)
     if "uv" in outputs:
         scene = replace(scene, triangles=with_places(scene.triangles))
-    own = wide_tile(scene.camera.width, scene.camera.height) if want_wide(devices) else CPU_TILE
-    tile = _tile(tile) if tile else own
     run = Run(seed_from_key(key), jnp.int32(first), jnp.int32(first) + jnp.int32(count), jnp.int32(spp))
     # What is met first is the same whatever comes after
     plan = Plan(
         1 if outputs else max_depth,
         sampler,
         unroll,
-        tile,
+        _tile(tile) if tile else CPU_TILE,
         devices,
         outputs=outputs,
         filter=_filter(scene, filter, filter_width),
     )
-    return drawn(scene), *viewed(scene, run, plan, window, pixels)
+    run, plan = viewed(scene, run, plan, window, pixels)
+    if not tile and want_wide(devices):
+        hosts = jax.process_count() // len({device.process_index for device in devices})
+        width, height = plan.size or (scene.camera.width, scene.camera.height)
+        plan = plan._replace(tile=wide_tile(width, height, len(devices) * hosts))
+    return drawn(scene), run, plan
 
 
 def _filter(scene: Scene, name: str | None, width: float | None) -> Filter | None:
@@ -292,10 +295,16 @@ def _filter(scene: Scene, name: str | None, width: float | None) -> Filter | Non
         raise ValueError(f"render: {error}") from None
 
 
-def wide_tile(width: int, height: int) -> tuple[int, int]:
-    """Return columns and rows of packets for accelerators: few, of one size, that make up a picture."""
-    across, down = (-(-n // -(-n // WIDE)) for n in (width, height))
-    return across, down
+def wide_tile(width: int, height: int, devices: int = 1) -> tuple[int, int]:
+    """Return columns and rows of packets for accelerators: few, of one size, but one for each where there can be."""
+    if height == 1:
+        return _share(width, max(-(-width // WIDE**2), devices)), 1
+    across = -(-width // WIDE)
+    return _share(width, across), _share(height, max(-(-height // WIDE), -(-devices // across)))
+
+
+def _share(n: int, parts: int) -> int:
+    return -(-n // parts)
 
 
 def _tile(tile: tuple[int, int]) -> tuple[int, int]:

@@ -1,7 +1,9 @@
 """What accelerators compute, many lanes at once, computed here: the same as CPUs' narrow packets."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
+from importlib import import_module
 
 import jax
 import jax.numpy as jnp
@@ -17,14 +19,18 @@ from jaxrt.core.maths import FAR
 from jaxrt.core.records import Ray
 from jaxrt.kernels.gather import FEW, take
 from jaxrt.kernels.native import map_packets, map_together
+from jaxrt.render import wide_tile
 from jaxrt.shapes import Triangles, topology_of
 from jaxrt.shapes.sphere import find_sphere, occluded_by_sphere, sphere_table
 from jaxrt.shapes.triangle import corner_table, find_triangle, occluded_by_triangle, triangle_table
 from jaxrt.textures.recording import add_marks
+from jaxrt.transport import film
 from tests.meshes import icosphere
 from tests.oracle import unit_vectors
+from tests.test_traverse import triangles_of
 
 N = 40_000
+render_module = import_module("jaxrt.render")  # whose function hides it in the package
 
 
 @pytest.fixture
@@ -106,7 +112,9 @@ def test_a_native_search_is_not_taken_for_a_wide_one():
 @pytest.mark.parametrize("n", [5, 8, 11])
 def test_turns_of_packets_share_one_program(n):
     """However many packets there are: what is left to the last turn is not compiled anew."""
-    program = jax.make_jaxpr(lambda x: map_together(lambda x, k: jnp.sin(k * x), x, jnp.arange(n), 4))(1.0)
+    program = jax.make_jaxpr(lambda x: map_together(lambda x, k: jnp.sin(k.astype(x.dtype) * x), x, jnp.arange(n), 4))(
+        jnp.float32(1)
+    )
     assert program.out_avals[0].shape == (n,)
     assert [each.primitive.name for each in equations(program.jaxpr)].count("sin") == 1
 
@@ -119,7 +127,7 @@ def test_sums_of_rows(n):
     weights = rng.normal(0, 1, (N, 3)).astype(np.float32)
 
     def slopes(table, _=None):
-        return jax.grad(lambda table: jnp.sum(jax.vmap(partial(take, table))(i) * weights))(table)
+        return jax.grad(lambda table: jnp.sum(take(table, i) * weights))(table)
 
     exact, count = np.zeros((n, 3)), np.bincount(i, minlength=n).max()
     np.add.at(exact, i, weights.astype(float))
@@ -156,3 +164,50 @@ def test_edges(room, wide):
         same = np.all(np.abs(ours.weight - theirs.weight) <= 1e-4 * scale, axis=tuple(range(1, ours.weight.ndim)))
         assert scale > 0
         assert np.mean(same) > 0.95
+
+
+def test_walks_through_a_tree():
+    """All rays side by side find what each finds alone, to the bit: dead ones and packets of a batch included."""
+    rng = np.random.default_rng(5)
+    vertices, faces = icosphere(3)
+    table = triangle_table(triangles_of(2 * vertices * rng.uniform(0.8, 1.2, (len(vertices), 1)), faces))
+
+    def search(operands, k):
+        table, (o, d, reach) = operands
+        ray, reach = Ray(o[k], d[k]), reach[k]
+        return find_triangle(table, ray, reach), occluded_by_triangle(table, ray, reach)
+
+    narrow, wide = both(search, (table, rays(rng)), N)
+    assert table.tree is not None and 0.1 < np.mean(narrow[0][1] >= 0) < 0.9
+    jax.tree.map(np.testing.assert_array_equal, narrow, wide)
+
+
+@pytest.mark.parametrize(
+    ("size", "devices", "tile"),
+    [
+        ((512, 512), 1, (512, 512)),
+        ((600, 400), 1, (300, 400)),
+        ((600, 400), 4, (300, 200)),
+        ((30, 1), 1, (30, 1)),
+        ((300_000, 1), 1, (150_000, 1)),
+        ((30, 1), 8, (4, 1)),
+    ],
+)
+def test_packets_make_up_a_picture(size, devices, tile):
+    assert wide_tile(*size, devices) == tile
+
+
+@pytest.mark.usefixtures("quick_compilation")
+def test_windows_and_lists(monkeypatch):
+    """As on an accelerator: parts of the picture of narrow packets."""
+    small = jaxrt.load_scene("scenes/ball_on_floor.toml")
+    small = replace(small, camera=replace(small.camera, width=40, height=24))
+    options = dict(spp=2, max_depth=2, devices=jax.devices()[:1])
+    expected = jaxrt.render(small, 0, **options)
+    for module in (render_module, film):
+        monkeypatch.setattr(module, "want_wide", lambda devices: True)
+    window, pixels = (8, 4, 20, 12), np.array([[3, 2], [39, 23], [17, 9]])
+    part = jaxrt.render(small, 0, window=window, **options)
+    np.testing.assert_allclose(part, expected[4:16, 8:28], rtol=1e-5, atol=1e-6)
+    chosen = jaxrt.render(small, 0, pixels=pixels, **options)
+    np.testing.assert_allclose(chosen, expected[pixels[:, 1], pixels[:, 0]], rtol=1e-5, atol=1e-6)
