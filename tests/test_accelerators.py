@@ -14,13 +14,11 @@ import jaxrt
 from benchmarks.ladder import equations
 from jaxrt import boundary
 from jaxrt.boundary import guiding
-from jaxrt.boundary.outlines import bounced
 from jaxrt.core.maths import FAR
 from jaxrt.core.records import Ray
 from jaxrt.kernels.gather import FEW, take
 from jaxrt.kernels.native import map_packets, map_together
 from jaxrt.render import wide_tile
-from jaxrt.shapes import Triangles, topology_of
 from jaxrt.shapes.sphere import find_sphere, occluded_by_sphere, sphere_table
 from jaxrt.shapes.triangle import corner_table, find_triangle, occluded_by_triangle, triangle_table
 from jaxrt.textures.recording import add_marks
@@ -36,8 +34,7 @@ render_module = import_module("jaxrt.render")  # whose function hides it in the 
 @pytest.fixture
 def wide(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Let edges be sampled as on an accelerator."""
-    for module in (guiding, bounced):
-        monkeypatch.setattr(module, "want_wide", lambda devices: True)
+    monkeypatch.setattr(guiding, "want_wide", lambda devices: True)
     yield
 
 
@@ -61,9 +58,8 @@ def rays(rng):
     return rng.normal(0, 3, (N, 3)).astype(np.float32), unit_vectors(rng, N).astype(np.float32), reach
 
 
-@pytest.mark.parametrize("n", [11])
-def test_the_nearest_of_few_shapes(n):
-    rng = np.random.default_rng(n)
+def test_the_nearest_of_few_shapes():
+    rng, n = np.random.default_rng(11), 11
     center = rng.normal(0, 3, (n, 3)).astype(np.float32)
     center[n // 2 :] = center[: n - n // 2]  # several at the same place: the first is hit
     built = jaxrt.build(
@@ -92,9 +88,7 @@ def test_the_nearest_of_few_shapes(n):
 
 def test_a_native_search_is_not_taken_for_a_wide_one():
     """JAX keeps what it has traced of a function, and does not know in what kernel."""
-    vertices, faces = icosphere(2)
-    rows = jnp.asarray(faces, jnp.int32)
-    ball = Triangles(jnp.asarray(vertices, jnp.float32), rows, rows[:, 0] * 0, topology_of(vertices, faces, 1))
+    ball = triangles_of(*icosphere(2))
     o, d = jnp.ones((2, 64, 3), jnp.float32)
 
     def packet(operands, _):
@@ -155,8 +149,7 @@ def test_edges(room, wide):
     plan = boundary.Plan(512, 3, True, True, device)
     found = jax.jit(lambda scene: boundary.sample_edges.__wrapped__(scene, seed, plan))(room)
     with pytest.MonkeyPatch.context() as patch:
-        for module in (guiding, bounced):
-            patch.setattr(module, "want_wide", lambda devices: False)
+        patch.setattr(guiding, "want_wide", lambda devices: False)
         expected = jax.jit(lambda scene: boundary.sample_edges.__wrapped__(scene, seed, plan))(room)
     assert len(found) == len(expected) > 3
     for ours, theirs in zip(found, expected, strict=True):

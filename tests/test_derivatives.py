@@ -193,7 +193,6 @@ def test_what_shines_is_pulled_back_as_it_is_pushed_forward():
 def test_vmap_of_pictures_and_of_gradients():
     """Equal to one after the other, to 1e-6; of twenty scenes, which is more than a native kernel has room for."""
     places = jnp.asarray(np.linspace([[0.8, -0.3, 0.4]], [[-0.5, 0.2, 0.1]], 20), jnp.float32)
-
     own = chosen()
 
     def loss(place):

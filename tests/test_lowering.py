@@ -10,7 +10,6 @@ import pytest
 import jaxrt
 from benchmarks.ladder import LADDER, build
 from jaxrt.boundary import guiding
-from jaxrt.boundary.outlines import bounced
 from jaxrt.render import wide_tile
 
 PLATFORMS = ("cuda", "tpu")
@@ -44,6 +43,5 @@ def test_gradients_of_everything_are_lowered_for_gpu_and_tpu() -> None:
 
 @pytest.mark.slow
 def test_gradients_with_edges_are_lowered_for_gpu_and_tpu(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (guiding, bounced):
-        monkeypatch.setattr(module, "want_wide", lambda devices: True)
+    monkeypatch.setattr(guiding, "want_wide", lambda devices: True)
     assert len(lowered("base", jax.grad, edges=64)) > len(lowered("base", jax.grad))

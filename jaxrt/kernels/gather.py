@@ -40,9 +40,9 @@ def _rows(table: Array, i: Array) -> Array:
 def _add_rows(rows: Array, i: Array, *, n: int) -> Array:
     """Return the table (n, …) that holds in each row the sum of all `rows` with its index."""
     cells = rows.shape[i.ndim :]
-    rows, i = rows.reshape(-1, 1, *cells), i.ravel()
     if not in_native():
-        return add_at_once(rows[:, 0], i, n)
+        return add_at_once(rows.reshape(-1, *cells), i.ravel(), n)
+    rows, i = rows.reshape(-1, 1, *cells), i.ravel()
 
     def add(k: Array, table: Array) -> Array:
         total = lax.dynamic_slice_in_dim(table, i[k], 1) + rows[k]

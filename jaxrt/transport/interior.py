@@ -175,8 +175,7 @@ class _Derivative(NamedTuple):
     @property
     def texels(self) -> int | None:
         """The number of the leaf that holds all texels, None where there is none."""
-        tables = jax.tree.unflatten(self.structure, list(range(self.structure.num_leaves)))[0]
-        textures = tables.materials.textures
+        textures = self._numbered.materials.textures
         return None if textures is None else textures.texels
 
     def _lanes(
@@ -238,9 +237,14 @@ class _Derivative(NamedTuple):
         return _Sums(kahan_add_all(sums.dense, own.dense[0]), own.texels)
 
     @property
+    def _numbered(self) -> Any:
+        """The tables with each leaf's number in its place."""
+        return jax.tree.unflatten(self.structure, list(range(self.structure.num_leaves)))[0]
+
+    @property
     def _shine_alone(self) -> bool:
         """Whether what moves changes the light of paths, and not where they go."""
-        tables = jax.tree.unflatten(self.structure, list(range(self.structure.num_leaves)))[0]
+        tables = self._numbered
         lit = jax.tree.leaves((tables.lights, tables.environment))
         walks = (tables.geometry.spheres, tables.geometry.triangles) != (None, None)
         return walks and not (self.plan.outputs or self.plan.unroll) and set(self.moved) <= set(lit)

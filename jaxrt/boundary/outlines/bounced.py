@@ -14,7 +14,7 @@ from jax import Array, lax
 
 from jaxrt.boundary.anchors import occluder_anchors
 from jaxrt.boundary.clearance import EdgeSamples, Path, Turn, beside
-from jaxrt.boundary.guiding import Draw, one_of_both, place
+from jaxrt.boundary.guiding import Draw, of_packets, one_of_both, place
 from jaxrt.boundary.lookouts import Lookouts, lookouts_at, nearest_lookout, point_seen
 from jaxrt.boundary.outlines.across import Glance
 from jaxrt.boundary.shadows import Plan
@@ -25,7 +25,7 @@ from jaxrt.core.pytree import pytree, where
 from jaxrt.core.records import Ray, SurfacePoint
 from jaxrt.core.samplers import Stream, independent
 from jaxrt.core.sampling import numbers_of_direction
-from jaxrt.kernels.native import in_stages, map_packets, once, want_wide
+from jaxrt.kernels.native import in_stages, once
 from jaxrt.materials import evaluate, numbers_toward, scatter, tells_numbers_at
 from jaxrt.scene import Scene
 from jaxrt.shapes import find, leave, surface_point
@@ -207,7 +207,8 @@ def _places(tables: Tables, seed: Array, events: int, devices: tuple[jax.Device,
     def packet(operands: tuple[Tables, Array], _: Array) -> Array:
         return jax.vmap(partial(lane, operands))(jnp.arange(LOOKOUTS, dtype=jnp.int32))
 
-    return map_packets(packet, (tables, seed), jnp.arange(1, dtype=jnp.int32), not want_wide(devices))[0]
+    places: Array = of_packets(packet, (tables, seed), 1, devices[:1])[0]
+    return places
 
 
 def _grazing(

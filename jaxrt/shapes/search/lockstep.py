@@ -17,6 +17,7 @@ from jaxrt.shapes.search.walk import (
     at_leaf,
     at_node,
     descend,
+    found,
     going,
     pop,
     ray_rows,
@@ -47,7 +48,7 @@ def walk_side_by_side(any_hit: bool, tree: Tree, o: Array, d: Array, farthest: A
     end = lax.while_loop(
         lambda w: jnp.any(w.code != NONE), lambda w: jax.vmap(turn)(w, *rays), jax.vmap(begin)(farthest)
     )
-    return end.farthest, jnp.where((farthest >= 0) & (end.farthest < 0), 0, end.face)
+    return found(end, farthest)
 
 
 def _where(chosen: Array, a: State, b: State) -> State:

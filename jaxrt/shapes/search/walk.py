@@ -74,7 +74,11 @@ def walk(tree: Tree, boxes: Callable, leaf: Callable, farthest: Array) -> tuple[
         w = lax.while_loop(at_leaf, lambda w: visit(leaf, w), w)
         return pop(w)
 
-    end = lax.while_loop(going, step, start(tree, farthest))
+    return found(lax.while_loop(going, step, start(tree, farthest)), farthest)
+
+
+def found(end: State, farthest: Array) -> tuple[Array, Array]:
+    """Return (farthest, face) of the lanes of a walk that has ended. farthest: what it began with."""
     return end.farthest, jnp.where((farthest >= 0) & (end.farthest < 0), 0, end.face)
 
 
