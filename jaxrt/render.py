@@ -128,8 +128,8 @@ def render(
     or "independent". unroll: compile each event apart, instead of one event in a loop. tile: width and height of a
     packet in pixels, by default 16 and 8 on a CPU, up to 512 each elsewhere. devices: those to use, by default all of
     JAX's default backend, or those on which the scene was put; under jit, one device alone is where the arguments are.
-    Their number does not change the picture, tile and unroll may by 1e-6 (CONVENTIONS, Bits). Memory does not grow with
-    spp.
+    The number of CPU devices does not change the picture; that of others, tile and unroll may by 1e-6 (CONVENTIONS,
+    Bits). Memory does not grow with spp.
 
     outputs: names of what to return instead, in a dict; who does not ask pays nothing. "radiance" is the picture,
     "foreground" that without the sky that the camera itself sees, "sky" the rest of it, (height, width, 3). "alpha" is
@@ -298,13 +298,10 @@ def _filter(scene: Scene, name: str | None, width: float | None) -> Filter | Non
 def wide_tile(width: int, height: int, devices: int = 1) -> tuple[int, int]:
     """Return columns and rows of packets for accelerators: few, of one size, but one for each where there can be."""
     if height == 1:
-        return _share(width, max(-(-width // WIDE**2), devices)), 1
+        return -(-width // max(-(-width // WIDE**2), devices)), 1
     across = -(-width // WIDE)
-    return _share(width, across), _share(height, max(-(-height // WIDE), -(-devices // across)))
-
-
-def _share(n: int, parts: int) -> int:
-    return -(-n // parts)
+    down = max(-(-height // WIDE), -(-devices // across))
+    return -(-width // across), -(-height // down)
 
 
 def _tile(tile: tuple[int, int]) -> tuple[int, int]:
