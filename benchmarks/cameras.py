@@ -44,7 +44,7 @@ def compare(title: str, draw: Callable[[Array], Array], values: Array, rounds: i
         f"{title}: {len(values)} calls {wall:.3f} s ({cpu:.3f} s CPU), batch {wall_batch:.3f} s ({cpu_batch:.3f} s CPU)"
     )
     print(f"  batch over calls, median of {rounds}: wall {ratios[0]:.3f}, CPU {ratios[1]:.3f}")
-    sizes = [f._cache_size() for f in (one, batch)]  # type: ignore[attr-defined]
+    sizes = [f._cache_size() for f in (one, batch)]
     print(f"  programs {sizes[0]} and {sizes[1]}, first calls {compiled[0]:.1f} and {compiled[1]:.1f} s CPU")
 
 

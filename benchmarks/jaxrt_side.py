@@ -115,7 +115,7 @@ def use_rough_passages() -> None:
         rough = self.roughness > SMOOTHEST
         return (coat, jnp.where(rough, through, beneath), jnp.where(rough, back, inner)), pdf
 
-    Plastic.facts = facts  # type: ignore[method-assign]
+    Plastic.facts = facts
 
 
 def use_cores(cores: int) -> None:

@@ -15,6 +15,7 @@ import jaxrt
 from benchmarks.ladder import count
 from jaxrt.kernels.gather import take
 from jaxrt.transport import interior
+from jaxrt.transport.shine import pull_light
 
 ONE = tuple(jax.devices()[:1])
 unoptimised = pytest.mark.usefixtures("quick_compilation")
@@ -148,10 +149,14 @@ SHINING = {
     "materials": {
         "floor": {"type": "diffuse", "albedo": [0.2, 0.8, 0.9]},
         "mirror": {"type": "mirror", "albedo": [0.9, 0.7, 0.8]},
+        "metal": {"type": "conductor", "albedo": [0.9, 0.8, 0.6], "roughness": 0.3},
+        "tinted": {"type": "glass", "ior": 1.3, "absorption": [0.5, 0.2, 0.1]},
     },
     "spheres": [
         {"center": [0, -50, 0], "radius": 50, "material": "floor"},
         {"center": [0.5, 0.6, 0], "radius": 0.6, "material": "mirror"},
+        {"center": [-0.7, 0.5, 0], "radius": 0.5, "material": "metal"},
+        {"center": [0, 0.4, 2], "radius": 0.4, "material": "tinted"},
     ],
     "lights": [
         {"position": [1, 3, 2], "intensity": [9, 8, 7], "radius": 0.5},
@@ -163,11 +168,13 @@ SHINES = ("lights.position", "lights.radius", "lights.intensity", "environment.r
 
 @unoptimised
 @pytest.mark.quick
-def test_what_shines_is_pulled_back_as_it_is_pushed_forward():
+def test_what_shines_is_pulled_back_as_it_is_pushed_forward(monkeypatch):
     """Lights and sky have a pass of their own backwards: <w, J v> = <Jᵀ w, v> of each, to the rounding of sums, 1e-5.
 
-    With what paths see of them by light samples, in a mirror and by their last rays.
+    With what paths see of them by light samples, in a mirror, on metal, through tinted glass and by their last rays.
     """
+    taken = []
+    monkeypatch.setattr(interior, "pull_light", lambda *a: taken.append(a) or pull_light(*a))
     scene = jaxrt.build(SHINING)
     start, random = {name: jaxrt.parameters(scene)[name] for name in SHINES}, np.random.default_rng(3)
     along = {k: jnp.asarray(random.uniform(0.5, 1, x.shape), x.dtype) for k, x in start.items()}
@@ -186,6 +193,7 @@ def test_what_shines_is_pulled_back_as_it_is_pushed_forward():
         change = float(pushed(i))
         assert abs(change) > 1e-2
         assert float(jnp.vdot(pulled[name], along[name])) == pytest.approx(change, rel=1e-5, abs=1e-5), name
+    assert taken
 
 
 @unoptimised

@@ -104,7 +104,7 @@ def test_a_box_is_no_code_and_others_are_named() -> None:
         with pytest.raises(jaxrt.SceneError, match=message):
             jaxrt.build(half_plane(**more))
         with pytest.raises(ValueError, match=message):
-            jaxrt.render(plain, 0, **more)  # type: ignore[arg-type]
+            jaxrt.render(plain, 0, **more)
 
 
 def test_windows_and_lists_are_parts_of_the_whole() -> None:

@@ -9,7 +9,7 @@ from jaxrt.fit import Progress, descent
 from jaxrt.fit.descent import DONE, JUDGES, STAGES
 from jaxrt.fit.solve import Drawing
 from jaxrt.fit.targets import rounding_of
-from jaxrt.fit.verdict import REACHES, Verdict, _neighbours, _structure, judge
+from jaxrt.fit.verdict import REACHES, Verdict, judge, neighbours, structure
 
 TRUTH = np.array([0.7, 0.4])
 FITS = 600
@@ -64,12 +64,12 @@ def noise(rng: np.random.Generator) -> list[np.ndarray]:
     return [target + uneven * rng.standard_t(4, size=(24, 24, 1)) * np.ones(3) for _ in range(JUDGES)]
 
 
-def test_noise_has_no_structure_but_by_the_rate_that_is_told() -> None:
+def test_noise_has_nostructure_but_by_the_rate_that_is_told() -> None:
     """Of 400 pictures' standardised structure the spread is 1, known to 3.5 %, and the mean 0, to .05: 4σ."""
     rng = np.random.default_rng(1)
     for reach in REACHES:
-        pairs = _neighbours(reach)
-        z = np.array([np.divide(*_structure(noise(rng), pairs)) for _ in range(400)])
+        pairs = neighbours(reach)
+        z = np.array([np.divide(*structure(noise(rng), pairs)) for _ in range(400)])
         assert abs(z.mean()) < 0.2 and abs(z.std() - 1) < 0.14, (reach, z.mean(), z.std())
 
 

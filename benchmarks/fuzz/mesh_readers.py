@@ -27,7 +27,7 @@ def second_readers(path: Path) -> list[tuple[int, float, float]]:
     for read in (_by_trimesh, plain):
         try:
             found += [read(path)] if read else []
-        except Exception:  # noqa: S112  (a reader that fails has no say)
+        except Exception:  # a reader that fails has no say
             continue
     return [other for other in found if other[0]]
 
@@ -63,7 +63,7 @@ def _plain_obj(path: Path) -> tuple[int, float, float]:
 
 def _plain_off(path: Path) -> tuple[int, float, float]:
     """Read a stream of words, each face without colours."""
-    head, body = re.match(r"\s*(\w*OFF)?(.*)", _text(path), re.DOTALL | re.IGNORECASE).groups()  # type: ignore[union-attr]
+    head, body = re.match(r"\s*(\w*OFF)?(.*)", _text(path), re.DOTALL | re.IGNORECASE).groups()
     head, words = (head or "").upper(), body.split()
     edges = 3 if len(body.strip().splitlines()[0].split()) != 2 else 2
     weight = "4" in head
@@ -78,7 +78,7 @@ def _plain_off(path: Path) -> tuple[int, float, float]:
 def _plain_ply(path: Path) -> tuple[int, float, float]:
     """Read text of vertices of three numbers and faces of one list, in this order."""
     head, body = _text(path).split("end_header", 1)
-    v, n = (int(re.search(rf"element {name} (\d+)", head)[1]) for name in ("vertex", "face"))  # type: ignore[index]
+    v, n = (int(re.search(rf"element {name} (\d+)", head)[1]) for name in ("vertex", "face"))
     words = body.split()
     vertices = [[float(word) for word in words[i : i + 3]] for i in range(0, 3 * v, 3)]
     return _filled(vertices, _take_lists(words[3 * v :], n))

@@ -272,8 +272,8 @@ class Family:
     def validate(self, value: Any) -> Table:
         """Return the validated table of the kind that a mapping names; complain, for pydantic, of what is wrong."""
         if isinstance(value, BaseModel):
-            if isinstance(value, tuple(kind.table for kind in self.kinds.values())):
-                return value  # type: ignore[return-value]
+            if isinstance(value, Table) and isinstance(value, tuple(kind.table for kind in self.kinds.values())):
+                return value
             raise complaint(f"{show(value)} is no {self.word}: write keys and values")
         if not isinstance(value, Mapping):
             raise complaint(f"{show(value)} is not a table: write keys and values")

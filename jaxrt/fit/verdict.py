@@ -78,7 +78,8 @@ def judge(
     inverses = _inverses(jacobians, smooth, AMBIGUOUS**-2)
     covariance = _covariance(residuals, inverses, sets, smooth)
     errors = np.sqrt(np.maximum(np.diag(covariance), 0)) if known else np.full(len(labels), np.inf)
-    structured = float(np.sqrt(max(_structure(residuals, _neighbours(1))[0], 0)))
+    found = [(pairs, structure(residuals, pairs)) for pairs in map(neighbours, REACHES)]
+    structured = float(np.sqrt(max(found[0][1][0], 0)))
     mean = np.mean(jacobians, axis=0)
     free = inverses if smooth is None else _inverses(jacobians, None, AMBIGUOUS**-2)
     change = mean @ _step(residuals, free)
@@ -87,9 +88,7 @@ def judge(
     step = _step(residuals, inverses, smooth)
     missed = step**2 > SIGNIFICANT**2 * (1 + sets / len(residuals)) * np.diag(covariance)
     errors = np.where(missed & known, np.hypot(errors, step), errors)
-    explained = all(
-        _is_explained(residuals, outside, mean, covariance, rounding, _neighbours(reach)) for reach in REACHES
-    )
+    explained = all(_is_explained(*one, outside, mean, covariance, rounding) for one in found)
     slope, sizes = rows.T @ left, np.linalg.norm(rows, axis=0)
     gradient = float(np.max(np.abs(slope) / np.maximum(sizes * np.linalg.norm(left), 1e-30)))
     vague = np.flatnonzero(errors > np.where(places, SHARP / 2, SHARP))
@@ -153,25 +152,26 @@ def _opposite(direction: dict[str, float], albedos: list[str]) -> bool:
 
 
 def _is_explained(
-    residuals: Sequence[Floats],
+    pairs: Pairs,
+    found: tuple[float, float],
     outside: Sequence[Floats],
     jacobian: Floats,
     covariance: Floats,
     rounding: float,
-    pairs: Pairs,
 ) -> bool:
     """Return whether noise, rounding and, by their covariance, the errors of the unknowns account for the structure.
 
-    What changes of the unknowns would take away must be within their errors; the rest, `outside`, noise.
+    found: that of the residuals. What changes of the unknowns would take away must be within their errors; the rest,
+    `outside`, noise.
     """
-    power, spread = _structure(residuals, pairs)
+    power, spread = found
     own = _structure_form(jacobian, pairs) @ covariance
     within = power - np.trace(own) - rounding <= SIGNIFICANT * np.sqrt(spread**2 + 2 * np.trace(own @ own))
-    power, spread = _structure(outside, pairs)
+    power, spread = structure(outside, pairs)
     return bool(within and power - rounding <= SIGNIFICANT * spread)
 
 
-def _neighbours(reach: int) -> Pairs:
+def neighbours(reach: int) -> Pairs:
     """Return the slices of a picture that lay each pixel on its neighbours as far as `reach` away, each pair once.
 
     Those at 1 are beside and below, those farther away all around.
@@ -185,7 +185,7 @@ def _shifted(*offset: int) -> tuple[slice, ...]:
     return tuple(slice(step, None) if step >= 0 else slice(None, step) for step in offset)
 
 
-def _structure(residuals: Sequence[Floats], pairs: Pairs) -> tuple[float, float]:
+def structure(residuals: Sequence[Floats], pairs: Pairs) -> tuple[float, float]:
     """Return the sum of squares of the structured part of residuals, without bias, and its standard deviation.
 
     Each pixel meets its neighbours in other sets of samples. Channels of a pixel share their samples, and count once.

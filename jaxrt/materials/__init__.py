@@ -6,10 +6,10 @@ kind or a group that the scene lacks, no code is there.
 """
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import Field, fields, replace
 from functools import partial
 from itertools import accumulate
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -48,6 +48,8 @@ class Materials:
     So are `textures`, of which it may have some besides.
     """
 
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]  # of the class that `of` makes
+
     @staticmethod
     def of(textures: Textures | None = None, **kinds: Any) -> "Materials":
         """Return the record of stacked kinds by name, in the order of their rows."""
@@ -64,7 +66,7 @@ class Materials:
     @property
     def kinds(self) -> tuple[Any, ...]:
         """The kinds that are there, in the order of their rows."""
-        names = (field.name for field in fields(self))  # type: ignore[arg-type]
+        names = (field.name for field in fields(self))
         return tuple(getattr(self, name) for name in names if name != _TEXTURES)
 
     @property
@@ -331,7 +333,7 @@ def marks_of(materials: Materials, lookups: int) -> tuple[int, int, int]:
 
 def with_marks(materials: Materials, marks: Array) -> Materials:
     """Return the materials whose textures record what is read of them, each lookup by one of the marks (slots, 15)."""
-    return replace(materials, textures=replace(materials.textures, marks=marks))  # type: ignore[type-var]
+    return replace(materials, textures=replace(materials.textures, marks=marks))
 
 
 def single(materials: Materials, surface: SurfacePoint) -> tuple[Materials, Array]:

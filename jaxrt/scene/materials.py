@@ -68,7 +68,7 @@ def with_material_parameters(scene: Scene, new: Mapping[str, Array]) -> tuple[Ma
         rows = iter(jnp.split(value[jnp.argsort(order[field])], ends[:-1]))
         for kind in _owners(scene, field):
             changed = replace(getattr(materials, kind), **{field: next(rows)})
-            materials = replace(materials, **{kind: changed})  # type: ignore[type-var]
+            materials = replace(materials, **{kind: changed})
         if field in idle:
             idle = {**idle, field: next(rows)}
     return materials, None if scene.idle is None else idle
@@ -97,4 +97,4 @@ def with_texture_parameters(materials: Materials, new: Mapping[str, Array]) -> M
     own = {name.removeprefix(TEXTURES): texels for name, texels in new.items() if name.startswith(TEXTURES)}
     if not own:
         return materials
-    return replace(materials, textures=materials.textures.with_named(own))  # type: ignore[type-var]
+    return replace(materials, textures=materials.textures.with_named(own))

@@ -76,9 +76,8 @@ def names_of(scene: SceneDescription, materials: Mapping[str, int]) -> Names:
     for light in scene.lights:
         for field in LIGHTS.kind_of(light).parameters:
             fields.setdefault(f"lights.{field}", []).append(getattr(light, "name", None))
-    rows: dict[str, Mapping[str, Row]] = {
-        key: {name: i for i, name in enumerate(names) if name is not None} for key, names in fields.items()
-    }
+    numbered = {key: {name: i for i, name in enumerate(names) if name is not None} for key, names in fields.items()}
+    rows: dict[str, Mapping[str, Row]] = {**numbered}
     counts = [len(mesh.vertices) for mesh in scene.meshes], [len(mesh.kept) for mesh in scene.meshes]
     vertices, faces = ([0, *np.cumsum(each).tolist()] for each in counts)
     meshes = dict(_meshes(scene))
@@ -87,7 +86,7 @@ def names_of(scene: SceneDescription, materials: Mapping[str, int]) -> Names:
     lamps = [light for light in scene.lights if light.type == LIGHTS.default]
     numbers = {name: i for i, name in enumerate(scene.materials)}
     things = Things(
-        spheres=rows["spheres"],  # type: ignore[arg-type]
+        spheres=numbered["spheres"],
         lights={light.name: i for i, light in enumerate(lamps) if light.name is not None},
         meshes={name: (faces[i], faces[i + 1]) for name, i in meshes.items()},
         materials={name: Material(row, numbers[name]) for name, row in materials.items()},

@@ -71,7 +71,7 @@ def drawn(scene: Scene) -> Scene:
     """Return what a picture depends on: scenes that differ in the rest share a program."""
     materials = scene.materials
     if materials.textures is not None:
-        materials = replace(materials, textures=replace(materials.textures, names=()))  # type: ignore[type-var]
+        materials = replace(materials, textures=replace(materials.textures, names=()))
     return replace(
         placed(scene), materials=materials, idle=None, order=None, origin=None, defaults=RenderDefaults(), names=Names()
     )

@@ -46,7 +46,11 @@ def roots_of(row: Sphere, origin: Point, direction: Point) -> tuple[Array, Array
 
 def root_distance(row: Sphere, origin: Point, direction: Point) -> Array:
     """Return the smallest positive distance to the sphere, FAR if there is none. No derivative is taken of it."""
-    b, power, discriminant = roots_of(row, origin, direction)
+    return smallest(*roots_of(row, origin, direction))
+
+
+def smallest(b: Array, power: Array, discriminant: Array) -> Array:
+    """Return the smallest positive root, of what `roots_of` finds; FAR if there is none."""
     larger = jnp.abs(b) + jnp.sqrt(jnp.maximum(discriminant, 0))
     hit = (discriminant > 0) & ((power < 0) | (b < 0))
     chord_ahead = (power < 0) & (b < 0)

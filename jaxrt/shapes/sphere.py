@@ -18,7 +18,7 @@ from jaxrt.core.pytree import pytree, static
 from jaxrt.core.records import Chart, Ray, SurfacePoint
 from jaxrt.kernels.gather import take
 from jaxrt.kernels.native import once
-from jaxrt.shapes.roots import power_of, root_distance, roots_of
+from jaxrt.shapes.roots import power_of, root_distance, roots_of, smallest
 from jaxrt.shapes.search.boxes import Tree, ball_tree
 from jaxrt.shapes.search.bvh import Topology, topology_of_boxes
 from jaxrt.shapes.search.few_shapes import any_of, nearest_of
@@ -121,10 +121,8 @@ def sphere_distance(table: SphereTable, ray: Ray, i: Array) -> Array:
 
 def nearest_approach(table: SphereTable, ray: Ray, i: Array) -> Array:
     """Return that distance, and of a ray that misses where it is nearest to the sphere: both meet at its outline."""
-    row = _row(table, i)
-    b, power, discriminant = roots_of(row, ray.origin, ray.direction)
-    nearest = root_distance(row, ray.origin, ray.direction)
-    return jnp.where((discriminant <= 0) & (power > 0) & (b < 0), -b, nearest)
+    b, power, discriminant = roots_of(_row(table, i), ray.origin, ray.direction)
+    return jnp.where((discriminant <= 0) & (power > 0) & (b < 0), -b, smallest(b, power, discriminant))
 
 
 def _pair(table: SphereTable, ray: Coordinates, pair: Array) -> list[tuple[Array, Array]]:

@@ -11,15 +11,10 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxrt.boundary.clearance import Turn
+from jaxrt.boundary.shadows import towards
 from jaxrt.core.maths import dot, normalize, safe_divide, safe_sqrt
 from jaxrt.core.pytree import pytree
 from jaxrt.core.records import Hit, Ray, SurfacePoint
-from jaxrt.core.sampling import (
-    pdf_cosine_hemisphere,
-    pdf_uniform_sphere,
-    sample_cosine_hemisphere,
-    sample_uniform_sphere,
-)
 from jaxrt.kernels.few import where_any
 from jaxrt.kernels.native import in_stages, once
 from jaxrt.lights import casters_of, intensity_toward, pick
@@ -30,7 +25,6 @@ from jaxrt.transport.path import Tables, meets_light
 
 ENDED, MISSED = -2, -1  # in place of a primitive
 AWAY = 1e18  # where rays start that are not wanted: they meet nothing, in no time
-LOBE = 0.9  # share of light points on the side that faces the surface
 BEYOND = 1e-3  # share of the distance to a light by which what blocks it is nearer
 
 Numbers = Callable[[int | Array], tuple[Array, Array, Array, Array]]
@@ -141,13 +135,7 @@ def lamp_for(tables: Tables, point: Array, u: tuple[Array, Array, Array, Array])
         return Lamp(row, center, jnp.zeros_like(center), shine)
     axis = normalize(point - center)
     axis = jnp.where(dot(axis, axis) > 0, axis, jnp.zeros_like(axis).at[2].set(1))
-    lobe = u[2] < LOBE
-    omega = jnp.where(
-        lobe,
-        sample_cosine_hemisphere(axis, (jnp.where(lobe, u[2] / LOBE, 0), u[3])),
-        sample_uniform_sphere((jnp.where(lobe, 0, jnp.clip((u[2] - LOBE) / (1 - LOBE), 0, 1)), u[3])),
-    )
-    pdf = LOBE * pdf_cosine_hemisphere(dot(omega, axis)) + (1 - LOBE) * pdf_uniform_sphere()
+    omega, pdf = towards(axis, (u[2], u[3]))
     size = radii[row]
     has_size = size > 0
     omega = jnp.where(has_size, omega, 0)
