@@ -248,10 +248,10 @@ def one_vertex(scene):
     return np.where((np.abs(vertices - corner) < 1e-5).all(-1)[:, None], Y, 0)
 
 
-@pytest.mark.quick
+@pytest.mark.slow
 @pytest.mark.parametrize("case", GEOMETRY)
 def test_moving_shapes(case):
-    """Whole balls and boxes, and the camera, are moved in `test_all_edges.py` and `test_bounced_edges.py`."""
+    """Others move whole balls and boxes, and the camera: `test_all_edges`, `test_bounced_edges`, `test_flash`."""
     scene = scene_of(0.0)
     name, direction, step = GEOMETRY[case]
     direction = one_vertex(scene) if direction is None else np.asarray(direction, np.float32)
@@ -292,6 +292,7 @@ def test_a_sphere_light_casts_the_shadow_of_another_and_is_seen_itself():
     assert relative(bumps(inside), bumps(reference)) > 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick_compilation")
 def test_edges_are_sampled_by_several_devices():
     scene, two = two_lights(), TWO_LIGHTS._replace(devices=tuple(jax.devices()[:2]))

@@ -385,6 +385,7 @@ def lamp_over(**camera: Any) -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 def test_a_torch_before_a_fisheye() -> None:
     """The floor is lit in closed form, at the places that the camera's angles tell; the edge of a shadow moves.
 

@@ -62,7 +62,7 @@ def test_the_end_of_a_half_plane_is_the_filters_sum(name: str) -> None:
     np.testing.assert_allclose(picture.mean(0), wanted, atol=1 / 64)
 
 
-@pytest.mark.parametrize("name", WIDE)
+@pytest.mark.parametrize("name", [WIDE[0], *(pytest.param(name, marks=pytest.mark.slow) for name in WIDE[1:])])
 def test_edges_count_in_all_pixels_around(name: str) -> None:
     """What moves is the filter's weight there: also of an edge that is seen in the margin alone."""
     scene = jaxrt.build(half_plane(filter=name, filter_width=3.0))
