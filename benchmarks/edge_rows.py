@@ -98,9 +98,8 @@ def _alike(row: Row) -> Row:
 
 @cache
 def _drawn(row: Row) -> Callable[..., Array]:
-    """Return the program (values of all parameters, key) -> picture that finite differences are of."""
-    scene = built(row)
-    return jax.jit(lambda values, key: view(row, jaxrt.with_parameters(scene, values), key, row.fd_spp))
+    """Return the program (scene, key) -> picture that finite differences are of."""
+    return jax.jit(lambda scene, key: view(row, scene, key, row.fd_spp))
 
 
 def difference(row: Row, step: float, key: int) -> np.ndarray:
@@ -108,10 +107,7 @@ def difference(row: Row, step: float, key: int) -> np.ndarray:
     scene = built(row)
     program = _drawn(_alike(row)._replace(samples=0))
     value, along = jaxrt.parameters(scene, row.parameter), direction(row, scene)
-    ends = [
-        program(jaxrt.parameters(jaxrt.with_parameters(scene, {row.parameter: value + h * along})), key)
-        for h in (step, -step)
-    ]
+    ends = [program(jaxrt.with_parameters(scene, {row.parameter: value + h * along}), key) for h in (step, -step)]
     return np.asarray((ends[0] - ends[1]) / (2 * step))
 
 

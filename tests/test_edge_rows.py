@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import edge_pictures, edge_rows, edges
+import jaxrt
+from benchmarks import edge_pictures, edge_rows, edge_scenes, edges
 from benchmarks.edge_rows import FD_FIRST, References, Result, measure
-from benchmarks.edge_scenes import Row
+from benchmarks.edge_scenes import Row, box
 
 ROW = Row("made up", "flat mirror", "camera.position", "x", bound=0.05, size=12)
 
@@ -80,3 +81,22 @@ def test_sheets_of_pictures_are_drawn_whole_or_not_at_all(
 def _measured(row: Row) -> Result:
     one = np.ones((row.size, row.size, 3))
     return Result(row, 0, 0, (0, 0), 0, 0, 0, (1, 1), 1, 0, (one, one, one))
+
+
+@pytest.mark.usefixtures("quick_compilation")
+def test_a_pose_moves_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A picture of all parameters of a turned scene would be turned again by its pose, beside its turned vertices."""
+    posed = box("box", "red", [0, 0.5, 0], 0.5, [0, 20, 0]) | {"pose": True}
+    lamp = {"position": [-2, 5, 4], "intensity": 40}
+    monkeypatch.setitem(
+        edge_scenes.SCENES, "posed", edge_scenes.scene(edge_scenes.CAMERA, meshes=[posed], lights=[lamp])
+    )
+    row = Row("made up", "posed", "meshes.rotate[box]", "y", bound=0.05, size=8, fd_spp=4)
+    here, value = edge_scenes.built(row), np.float32([0, 2, 0])
+    ahead, behind = (
+        jaxrt.render(jaxrt.with_parameters(here, {row.parameter: sign * value}), 7, spp=4, max_depth=1)
+        for sign in (1, -1)
+    )
+    wanted = np.asarray(ahead - behind) / 4
+    assert np.abs(wanted).max() > 0
+    np.testing.assert_allclose(edge_rows.difference(row, 2.0, 7), wanted, atol=1e-5)
