@@ -1,6 +1,7 @@
 """How much the radiance changes across an outline that an eye, or a surface, looks past.
 
-An edge of a mesh counts wherever the colour can change across it. On a smooth ball radiance varies like the root of the
+An edge of a mesh counts wherever the colour can change across it. Its faces are shaded a little within: what stands on
+a floor ends in it, and sees the sky from there where all of the face sees the floor. On a smooth ball radiance varies like the root of the
 distance to the rim, so the inside is shaded at the rim itself.
 """
 
@@ -14,7 +15,7 @@ from jax import Array, lax
 
 from jaxrt.boundary.shadows import NUDGE
 from jaxrt.boundary.silhouettes import Rim, Silhouettes
-from jaxrt.core.maths import dot, normalize, safe_divide
+from jaxrt.core.maths import dot, normalize, safe_divide, safe_sqrt
 from jaxrt.core.pytree import pytree, where
 from jaxrt.core.records import Hit, Ray, Smooth, SurfacePoint
 from jaxrt.core.samplers import Stream, independent
@@ -25,6 +26,7 @@ from jaxrt.shapes.sphere import onto_sphere, sphere_chart, sphere_error
 from jaxrt.shapes.triangle import triangle_point_at
 from jaxrt.transport.path import Tables, Walk, arrive, depart, looks_at_last, walk_along
 
+WITHIN = 0.05  # of the way from an edge to a face's third corner, at most, the face is shaded
 CLOSE = 1e-5  # what hides an outline is nearer by this share of its distance
 
 
@@ -149,17 +151,19 @@ def _at_edge(
     edges, n = outlines.edges, outlines.spheres_count
     assert edges is not None and geometry.triangles is not None
     triangles, edge = geometry.triangles, jnp.maximum(row - n, 0)
-    a, v1, normals, faces = edges.corners[edge, 0], edges.corners[edge, 3], edges.normals[edge], edges.faces[edge]
-    apart = (row >= n) & (dot(rim.normal, v1 - a) > 0)
+    (a, _, *corners), normals, faces = edges.corners[edge], edges.normals[edge], edges.faces[edge]
+    apart = (row >= n) & (dot(rim.normal, corners[1] - a) > 0)
     # Of two faces on one side the one that comes nearer to the eye hides the other
     lean = [safe_divide(dot(normal, rim.normal), dot(normal, ray.direction)) for normal in normals]
-    nearer = jnp.where(~apart & (lean[1] < lean[0]), faces[1], faces[0])
+    second = ~apart & (lean[1] < lean[0])
 
-    def met(face: Array) -> tuple[Ray, Hit, SurfacePoint]:
-        point = triangle_point_at(triangles, rim.point, ray.direction, face)
+    def met(face: Array, corner: Array) -> tuple[Ray, Hit, SurfacePoint]:
+        inward = corner - rim.point
+        step = jnp.minimum(safe_divide(NUDGE * rim.distance, safe_sqrt(dot(inward, inward))), WITHIN)
+        point = triangle_point_at(triangles, rim.point + step * inward, ray.direction, face)
         return ray, Hit(face + n, jnp.ones((), bool)), measured(geometry, ray, point)
 
-    return met(nearer), (apart, met(faces[1]))
+    return met(*where(second, (faces[1], corners[1]), (faces[0], corners[0]))), (apart, met(faces[1], corners[1]))
 
 
 def _at_rim(
