@@ -1,8 +1,8 @@
 """How much the radiance changes across an outline that an eye, or a surface, looks past.
 
 An edge of a mesh counts wherever the colour can change across it. Its faces are shaded a little within: what stands on
-a floor ends in it, and sees the sky from there where all of the face sees the floor. On a smooth ball radiance varies like the root of the
-distance to the rim, so the inside is shaded at the rim itself.
+a floor ends in it, and sees the sky from there where all of the face sees the floor. On a smooth ball radiance varies
+like the root of the distance to the rim, so the inside is shaded at the rim itself.
 """
 
 from dataclasses import replace
