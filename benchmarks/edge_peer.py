@@ -120,18 +120,21 @@ CONFIGURATIONS = (
 
 
 def write(configuration: Configuration, folder: Path) -> Path:
-    """Return the path of the scene file, written beside its meshes; JSON's values are TOML's."""
+    """Return the path of the scene file, written beside its meshes."""
     jaxrt.save_image(folder / "paint.exr", TEXELS)
     for name, (vertices, faces) in SHAPES.items():
         corners = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
         corners += [f"vt {(x + 1) / 2:.9g} {(y + 1) / 2:.9g}" for x, y, _ in vertices]
         (folder / name).write_text("\n".join([*corners, *(f"f {a}/{a} {b}/{b} {c}/{c}" for a, b, c in faces + 1), ""]))
     path = folder / "scene.toml"
-    rows = [
-        [head, *(f"{key} = {json.dumps(value)}" for key, value in row.items())] for head, row in configuration.tables
-    ]
-    path.write_text("\n".join(line for row in rows for line in (*row, "")))
+    path.write_text(text_of(configuration.tables))
     return path
+
+
+def text_of(tables: list[tuple[str, Description]]) -> str:
+    """Return the scene file of tables with their heads; JSON's values are TOML's."""
+    rows = [[head, *(f"{key} = {json.dumps(value)}" for key, value in table.items()), ""] for head, table in tables]
+    return "\n".join(line for row in rows for line in row)
 
 
 class Ours:

@@ -10,7 +10,7 @@ import json
 import numpy as np
 from mitsuba_side import NO_ROULETTE, render, scene_of
 
-SEED_SPP = 4096  # samples a pixel that guide those of edges: as its tests take
+SEED_SPP = 4096
 
 
 def motion(mi, kind, theta):
@@ -30,30 +30,37 @@ def move(mi, dr, parameters, start, transform):
     parameters.update()
 
 
-def derivatives(mi, dr, options, integrator):
-    """Return the derivative pictures (seeds, H, W, 3), by forward differentiation."""
-    scene = scene_of(mi, options.scene, options)
+def derivative(mi, dr, scene, integrator, moved, kind, spp, seed):
+    """Return the derivative picture (H, W, 3) as what is named moves, by forward differentiation."""
     parameters = mi.traverse(scene)
     of = {"mesh": "vertex_positions"}
-    keys = [f"{name}.{of.get(name.split('_')[0], 'to_world')}" for name in options.moved]
+    keys = [f"{name}.{of.get(name.split('_')[0], 'to_world')}" for name in moved]
     start = {key: type(parameters[key])(parameters[key]) for key in keys}
-    found = []
-    for seed in range(options.seeds):
-        # Anew for each seed: a render takes the derivatives off the parameters
-        theta = mi.Float(0)
-        dr.enable_grad(theta)
-        move(mi, dr, parameters, start, motion(mi, options.motion, theta))
+    theta = mi.Float(0)
+    dr.enable_grad(theta)
+    move(mi, dr, parameters, start, motion(mi, kind, theta))
+    try:
         dr.forward(theta, dr.ADFlag.ClearEdges)
-        picture = integrator.render_forward(scene, params=theta, seed=seed, spp=options.spp)
-        found.append(np.array(dr.detach(picture)))
-    return np.stack(found)
+        return np.array(dr.detach(integrator.render_forward(scene, params=theta, seed=seed, spp=spp)))
+    finally:
+        # Else the next one's start would still hang on theta
+        move(mi, dr, parameters, start, motion(mi, kind, mi.Float(0)))
 
 
-def integrator_of(mi, name, depth):
+def derivatives(mi, dr, options, integrator):
+    """Return the derivative pictures (seeds, H, W, 3)."""
+    scene = scene_of(mi, options.scene, options)
+    moved, kind = options.moved, options.motion
+    return np.stack(
+        [derivative(mi, dr, scene, integrator, moved, kind, options.spp, seed) for seed in range(options.seeds)]
+    )
+
+
+def integrator_of(mi, name, depth, guiding=SEED_SPP):
     """Return an integrator of paths of so many events; `direct_projective` has one event always."""
     integrator = mi.load_dict({"type": name} | ({} if "direct" in name else {"max_depth": depth + 1}))
     integrator.rr_depth = NO_ROULETTE
-    integrator.proj_seed_spp = SEED_SPP
+    integrator.proj_seed_spp = guiding
     return integrator
 
 

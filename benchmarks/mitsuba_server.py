@@ -1,8 +1,9 @@
 """Mitsuba's half of the charts: a plain script in Mitsuba's own environment that answers until its input ends.
 
 Each line of the input is a JSON object: {"scene", "width", "height", "sampler", "spp", "seed", "out"} asks for a
-picture; with "integrator" and "axis", for its derivative with respect to that coordinate of the point light. The image
-goes to the file `out` (.npy); the answer is a line of JSON behind `ANSWER`: CPU seconds, or the error.
+picture; with "integrator" and "axis", for its derivative with respect to that coordinate of the point light; with
+"integrator", "max_depth", "guiding", "moved" and "motion", as these things move. The image goes to the file `out`
+(.npy); the answer is a line of JSON behind `ANSWER`: CPU seconds, or the error.
 """
 
 import argparse
@@ -11,6 +12,7 @@ import os
 import time
 from functools import cache
 
+import mitsuba_edges
 import numpy as np
 from mitsuba_gradients import derivative, integrator_of
 from mitsuba_side import render, scene_of
@@ -37,15 +39,29 @@ def main():
     mi.set_log_level(mi.LogLevel.Error)
 
     @cache
-    def scene(path, width, height, sampler):
+    def scene(path, width, height, sampler, optimize=True):
         options = argparse.Namespace(width=width, height=height, sampler=sampler, max_depth=None, spp=None)
+        options.optimize = optimize
         return scene_of(mi, path, options)
 
     @cache
     def integrator(name):
         return integrator_of(mi, name)
 
+    @cache
+    def edge_integrator(name, depth, guiding):
+        return mitsuba_edges.integrator_of(mi, name, depth, guiding)
+
+    def moved(task):
+        subject = scene(task["scene"], task["width"], task["height"], task["sampler"], optimize=False)
+        method = edge_integrator(task["integrator"], task["max_depth"], task["guiding"])
+        return mitsuba_edges.derivative(
+            mi, dr, subject, method, task["moved"], task["motion"], task["spp"], task["seed"]
+        )
+
     def image(task):
+        if "moved" in task:
+            return moved(task)
         subject = scene(task["scene"], task["width"], task["height"], task["sampler"])
         if "integrator" in task:
             method = integrator(task["integrator"])

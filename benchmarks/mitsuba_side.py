@@ -84,13 +84,14 @@ def polygons_of(mi, vertices, faces, bsdf):
 
 def mesh_of(mi, mesh, folder, bsdf):
     """Return the mesh of a `[[meshes]]` table: arrays as they are, or a Wavefront file, scaled, turned, moved."""
-    if "vertices" in mesh:
-        return polygons_of(mi, mesh["vertices"], mesh["faces"], bsdf)
     turn = mi.ScalarTransform4f()
     for axis, angle in zip(np.eye(3).tolist(), mesh.get("rotate", [0, 0, 0]), strict=True):
         turn = mi.ScalarTransform4f().rotate(axis, angle) @ turn
     scale = mi.ScalarTransform4f().scale(mesh.get("scale", 1))
     place = mi.ScalarTransform4f().translate(mesh.get("translate", [0, 0, 0])) @ turn @ scale
+    if "vertices" in mesh:
+        vertices = [list(place @ mi.ScalarPoint3f(*vertex)) for vertex in mesh["vertices"]]
+        return polygons_of(mi, vertices, mesh["faces"], bsdf)
     file = str(folder / mesh["file"])
     return {"type": "obj", "filename": file, "face_normals": not mesh.get("smooth"), "to_world": place, "bsdf": bsdf}
 

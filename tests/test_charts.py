@@ -1,5 +1,6 @@
 """The charts' arithmetic, their closed forms, and that the page in docs is what its numbers say."""
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,14 @@ from rich.progress import Progress
 
 import jaxrt
 from benchmarks.alternatives.chance import draw_sum_by_chance
-from benchmarks.chart import closed
-from benchmarks.chart.curves import Point, crossing, envelope, pareto_front, read_csv, write_csv
-from benchmarks.chart.measure import Metric, Sweep, measure
+from benchmarks.chart import closed, edges
+from benchmarks.chart.curves import Point, by_scene, crossing, envelope, pareto_front, read_csv, write_csv
+from benchmarks.chart.measure import WARM_UP, Metric, Sweep, measure
 from benchmarks.chart.page import CHARTS, page_of
 from benchmarks.chart.references import cached, content_key, mean_image
 from benchmarks.chart.store import load
 from benchmarks.chart.subjects import Drawn, picture_method, prefix_method
+from benchmarks.edge_peer import text_of
 from benchmarks.edge_tables import bumps
 from benchmarks.samplers import Reference
 from jaxrt.render import draw_sum
@@ -70,6 +72,13 @@ def test_csv_keeps_what_it_is_given(tmp_path: Path) -> None:
     assert [line[-1] for line in (tmp_path / "c.csv").read_text().splitlines()[1:]] == ["1", "0", "1"]
 
 
+def test_scenes_of_a_chart_have_fronts_of_their_own(tmp_path: Path) -> None:
+    curves = {"near: a": curve((1, 0.1), (4, 0.05)), "far: a": curve((2, 0.9), (8, 0.4)), "far: b": curve((3, 0.95))}
+    assert by_scene(curves)["far"] == {"a": curves["far: a"], "b": curves["far: b"]}
+    write_csv(tmp_path / "c.csv", curves)
+    assert [line[-1] for line in (tmp_path / "c.csv").read_text().splitlines()[1:]] == ["1", "1", "1", "1", "0"]
+
+
 # Measurement
 
 
@@ -110,6 +119,40 @@ def test_references_are_made_once(tmp_path: Path) -> None:
         np.testing.assert_array_equal(found.image, np.arange(12.0).reshape(2, 2, 3))
         assert found.variance == 0.25
     assert len(made) == len(list((tmp_path / "cache").iterdir())) == 3
+
+
+def test_calls_are_meant_as_they_come() -> None:
+    """Each with a seed of its own, also of other lengths; the picture is its seed."""
+    drawn: list[int] = []
+
+    def program(seed: Any, spp: Any) -> np.ndarray:
+        assert spp == 16
+        drawn.append(int(seed))
+        return np.full((2, 2, 3), float(seed))
+
+    draw = edges._calls(program, 16)
+    one, more = draw(WARM_UP, [1]), draw(WARM_UP, [2, 4])
+    assert list(one) == [16] and list(more) == [32, 64]
+    assert len(set(drawn)) == 5
+    for spp, seeds in ((16, drawn[:1]), (32, drawn[1:3]), (64, drawn[1:])):
+        np.testing.assert_allclose((one | more)[spp][0], np.mean(seeds))
+    assert 0 < more[32][1] < more[64][1]
+
+
+@pytest.mark.parametrize("panel", edges.PANELS, ids=lambda panel: panel.title)
+def test_mitsuba_reads_and_moves_what_jaxrt_does(panel: edges.Panel, tmp_path: Path) -> None:
+    row = panel.of
+    description = edges._described(row)
+    (tmp_path / "scene.toml").write_text(text_of(edges._tables(description)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", jaxrt.SceneWarning)
+        read, built = jaxrt.load_scene(tmp_path / "scene.toml"), jaxrt.build(description)
+    assert jax.tree.structure(read) == jax.tree.structure(built)
+    for a, b in zip(jax.tree.leaves(read), jax.tree.leaves(built), strict=True):
+        np.testing.assert_array_equal(a, b)
+    kind, number = panel.moved.split("_")
+    name = description[{"sphere": "spheres", "mesh": "meshes"}[kind]][int(number)]["name"]
+    assert row.parameter in (f"spheres.center[{name}]", f"meshes.vertices[{name}]") and row.motion == "x"
 
 
 @pytest.fixture(scope="module")

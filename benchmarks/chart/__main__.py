@@ -20,6 +20,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 import jaxrt
+from benchmarks.chart.edges import edges
 from benchmarks.chart.gradients import derivatives
 from benchmarks.chart.measure import Sweep
 from benchmarks.chart.peer import Peer
@@ -32,7 +33,10 @@ from benchmarks.processes import cpu_model, find_peer, wide_console
 FULL = Sweep(short=(1, 4, 16, 64, 256), long=(1024, 4096), seeds=16, few=4)
 QUICK = Sweep(short=(1, 4), long=(), seeds=2, few=2)
 # Every kind of method once: what is left out differs in numbers alone, and compiling is most of a quick run
-QUICK_METHODS = Methods(("sobol", "stratified"), ("sobol",), depths=(1, 4, 5, 8), edges=(16384,), steps=(0.1,))
+QUICK_METHODS = Methods(
+    ("sobol", "stratified"), ("sobol",), (1, 4, 5, 8), edges=(16384,), steps=(0.1,), panels=1, fd_spp=64, fd_keys=4
+)
+SINGLE = {**STUDIES, "edges": edges}
 DERIVATIVES = "derivatives"
 
 
@@ -66,7 +70,7 @@ def measure_all(options: argparse.Namespace, folder: Path, console: Console) -> 
             if name == DERIVATIVES:
                 studies = derivatives(settings)
             else:
-                studies = {name: STUDIES[name](settings)}
+                studies = {name: SINGLE[name](settings)}
             for each, study in studies.items():
                 save(folder, each, study, circumstances(message, options.quick))
             console.print(f"{datetime.datetime.now():%H:%M:%S} {name} measured")
@@ -74,7 +78,7 @@ def measure_all(options: argparse.Namespace, folder: Path, console: Console) -> 
 
 def arguments() -> argparse.Namespace:
     """Return the parsed command line."""
-    names = [*STUDIES, DERIVATIVES]
+    names = [*SINGLE, DERIVATIVES]
     parser = argparse.ArgumentParser(description="Charts of error against CPU time.")
     parser.add_argument("--quick", action="store_true", help="few samples and seeds, into a temporary folder")
     parser.add_argument("--only", nargs="+", default=names, choices=names, metavar="NAME", help=", ".join(names))

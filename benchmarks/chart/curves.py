@@ -79,6 +79,15 @@ def pareto_front(curves: Curves) -> list[Point]:
     return sorted(front, key=lambda p: p.seconds)
 
 
+def by_scene(curves: Curves) -> dict[str, Curves]:
+    """Return the curves of each scene of a chart: its name stands before that of the method, behind a colon."""
+    scenes: dict[str, Curves] = {}
+    for name, points in curves.items():
+        scene, _, method = name.rpartition(": ")
+        scenes.setdefault(scene, {})[method] = points
+    return scenes
+
+
 def all_points(curves: Curves) -> list[Point]:
     """Return the points of all curves."""
     return [point for points in curves.values() for point in points]
@@ -109,7 +118,7 @@ def crossing(curve: list[Point], error: float) -> Crossing | None:
 
 def write_csv(path: Path, curves: Curves) -> None:
     """Save the points of all curves, with a mark at those of the Pareto front."""
-    front = set(pareto_front(curves))
+    front = {point for scene in by_scene(curves).values() for point in pareto_front(scene)}
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(FIELDS)

@@ -16,7 +16,7 @@ from benchmarks.chart.studies import Study
 
 # Okabe and Ito's colours, which colour-blind readers tell apart
 COLOURS = ("#0072B2", "#009E73", "#56B4E9", "#CC79A7", "#882255")
-PEER_COLOURS = {"Mitsuba independent": "#E69F00"}
+PEER_COLOURS = {"Mitsuba independent": "#E69F00", "Mitsuba direct_projective": "#E69F00"}
 
 
 class Chart(NamedTuple):
@@ -26,6 +26,7 @@ class Chart(NamedTuple):
     error: str = "RMSE / mean of the picture"
     samples: str = ""  # the curve whose points tell their samples a pixel; default: the first
     ordered: str = ""  # curves of this prefix are steps of one quantity: colours in order
+    panels: bool = False  # several scenes, side by side
 
 
 def styles_of(names: list[str], chart: Chart) -> dict[str, dict[str, Any]]:
@@ -46,11 +47,10 @@ def styles_of(names: list[str], chart: Chart) -> dict[str, dict[str, Any]]:
 
 def draw_chart(stem: Path, chart: Chart, study: Study) -> None:
     """Save the chart as `stem`.png and `stem`.svg."""
-    matplotlib.rcParams["svg.hashsalt"] = stem.name
     figure, axes = pyplot.subplots(figsize=(8.6, 4.8), layout="constrained")
     for name, style in styles_of(list(study.curves), chart).items():
         shown = [p for p in study.curves[name] if p.error > 0]
-        axes.plot(*_coordinates(shown), marker="o", markersize=4, linewidth=1.5, label=name, zorder=3, **style)
+        axes.plot(*coordinates(shown), marker="o", markersize=4, linewidth=1.5, label=name, zorder=3, **style)
         if name in study.facts.get("floors", {}):
             _draw_floor(axes, study.facts["floors"][name], shown, style["color"])
     front = pareto_front(study.curves)
@@ -64,16 +64,23 @@ def draw_chart(stem: Path, chart: Chart, study: Study) -> None:
         "markerfacecolor": "none",
         "markeredgecolor": "0.3",
     }
-    axes.plot(*_coordinates(front), **ring, zorder=4, label="point on the front")
+    axes.plot(*coordinates(front), **ring, zorder=4, label="point on the front")
     _label_samples(axes, study.curves.get(chart.samples, next(iter(study.curves.values()))))
     _finish(axes, chart, study)
     figure.legend(loc="outside right upper", fontsize=8, frameon=False)
+    save_figure(figure, stem)
+
+
+def save_figure(figure: Any, stem: Path) -> None:
+    """Save a figure as `stem`.png and `stem`.svg, which is the same whenever it is drawn."""
+    matplotlib.rcParams["svg.hashsalt"] = stem.name
     write_whole(stem.with_suffix(".png"), lambda file: figure.savefig(file, format="png", dpi=150))
     write_whole(stem.with_suffix(".svg"), lambda file: figure.savefig(file, format="svg", metadata={"Date": None}))
     pyplot.close(figure)
 
 
-def _coordinates(points: list[Point]) -> tuple[list[float], list[float]]:
+def coordinates(points: list[Point]) -> tuple[list[float], list[float]]:
+    """Return the seconds and the errors of points."""
     return [p.seconds for p in points], [p.error for p in points]
 
 
@@ -106,6 +113,11 @@ def _finish(axes: Any, chart: Chart, study: Study) -> None:
     if study.band > low:
         axes.axhspan(low, study.band, color="0.94", zorder=0, label="error of the reference")
     axes.margins(x=0.09)
+    write_shares(axes)
+
+
+def write_shares(axes: Any) -> None:
+    """Write errors as per cent, and set lines behind."""
     axes.yaxis.set_major_formatter(ticker.FuncFormatter(lambda value, _: f"{100 * value:.10g} %"))
     axes.xaxis.set_major_formatter(ticker.FuncFormatter(lambda value, _: f"{value:.10g}"))
     for axis in (axes.xaxis, axes.yaxis):

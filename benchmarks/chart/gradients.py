@@ -1,7 +1,6 @@
 """What is measured for the charts of derivatives: by the position of a point light that casts a hard shadow."""
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 import jax
@@ -76,9 +75,9 @@ def _moved(scene: jaxrt.Scene, shift: Any) -> jaxrt.Scene:
     return jaxrt.with_parameters(scene, {"lights.position": position.at[0, AXIS].add(shift)})
 
 
-def _picture(scene: jaxrt.Scene, shift: Any, seed: jax.Array, spp: jax.Array, boundary_samples: int) -> jax.Array:
-    """Return the picture as `jaxrt.render` draws it, of a scene with its light moved. spp may change in one program."""
-    plain, run, plan = prepare(_moved(scene, shift), seed, 0, spp, spp)
+def picture_of(scene: jaxrt.Scene, seed: jax.Array, spp: jax.Array, boundary_samples: int = 0) -> jax.Array:
+    """Return the picture as `jaxrt.render` draws it. spp may change in one program."""
+    plain, run, plan = prepare(scene, seed, 0, spp, spp)
     picture = draw_sum(plain, run, plan, run) / spp
     if boundary_samples == 0:
         return picture
@@ -105,7 +104,9 @@ def _forward(scene: jaxrt.Scene, boundary_samples: int) -> Draw:
     """Return the forward derivative of `jaxrt.render`."""
 
     def slope(seed: jax.Array, spp: jax.Array) -> Any:
-        picture = partial(_picture, scene, seed=seed, spp=spp, boundary_samples=boundary_samples)
+        def picture(shift: jax.Array) -> jax.Array:
+            return picture_of(_moved(scene, shift), seed, spp, boundary_samples)
+
         return jax.jvp(picture, (jnp.zeros(()),), (jnp.ones(()),))[1]
 
     return _each_length(slope)
@@ -115,7 +116,7 @@ def _difference(scene: jaxrt.Scene, step: float) -> Draw:
     """Return the central difference of two pictures drawn with the same random numbers."""
 
     def difference(seed: jax.Array, spp: jax.Array) -> Any:
-        above, below = (_picture(scene, jnp.float32(shift), seed, spp, 0) for shift in (step, -step))
+        above, below = (picture_of(_moved(scene, jnp.float32(shift)), seed, spp) for shift in (step, -step))
         return (above - below) / (2 * step)
 
     return _each_length(difference)

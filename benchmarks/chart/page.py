@@ -14,6 +14,7 @@ from benchmarks.chart.figures import (
     peer_figures,
     picture_figures,
 )
+from benchmarks.chart.figures_edges import edge_figures
 from benchmarks.chart.figures_more import derivative_figures, precision_figures, unroll_figures
 from benchmarks.chart.studies import Study
 
@@ -31,6 +32,7 @@ CHARTS = {
     "unroll": Chart("Events in a scan or unrolled: room with a spherical light, max_depth 5"),
     "derivatives-picture": Chart("Derivative picture by a point light's x", "relative L2 error", EDGES, "with"),
     "derivatives-functionals": Chart("Derivative of 16 smooth functionals", "relative L2 error", EDGES, "with"),
+    "edges": Chart("Derivatives of what moves edges", "relative L2 error", ordered="with ", panels=True),
 }
 Found = dict[str, tuple[Study, dict[str, str]]]  # name -> data, and when and on what they were measured
 
@@ -75,7 +77,7 @@ def _figures(studies: Studies) -> Figures:
         precision_figures: ["precision-floor", "precision-room"],
         derivative_figures: ["derivatives-picture", "derivatives-functionals"],
     }
-    singles = {light_figures: "light-sampling", depth_figures: "depth", unroll_figures: "unroll"}
+    singles = {light_figures: "light-sampling", depth_figures: "depth", unroll_figures: "unroll", edge_figures: "edges"}
     figures: Figures = {}
     for tell, needed in groups.items():
         if set(needed) <= set(studies):

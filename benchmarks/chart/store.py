@@ -6,6 +6,7 @@ from pathlib import Path
 from benchmarks.chart.curves import read_csv, write_csv
 from benchmarks.chart.drawing import draw_chart
 from benchmarks.chart.page import CHARTS, Found, page_of
+from benchmarks.chart.panels import draw_panels
 from benchmarks.chart.studies import Study
 from jaxrt.core.writing import write_text
 
@@ -32,5 +33,6 @@ def draw_all(output: Path) -> None:
     """Draw all charts whose numbers are in output/charts, and write the page output/charts.md."""
     found = load(output / "charts")
     for name, (study, _) in found.items():
-        draw_chart(output / "charts" / name, CHARTS[name], study)
+        draw = draw_panels if CHARTS[name].panels else draw_chart
+        draw(output / "charts" / name, CHARTS[name], study)
     write_text(output / "charts.md", page_of(found))

@@ -1,9 +1,9 @@
 """What is measured for each chart of pictures."""
 
-import shutil
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.experimental.compilation_cache import compilation_cache
 from rich.progress import Progress
 
 import jaxrt
@@ -35,6 +36,9 @@ class Methods(NamedTuple):
     depths: tuple[int, ...] = (1, 2, 3, 4, 5, 6, 7, 8)
     edges: tuple[int, ...] = (1024, 4096, 16384, 65536)  # samples of moving edges
     steps: tuple[float, ...] = (0.1, 0.01)  # of finite differences, scene units
+    panels: int = 6  # scenes of the chart of moving edges
+    fd_spp: int | None = None  # of its finite differences; None: what benchmarks.edges takes
+    fd_keys: int = 8  # and how often, at most
 
 
 @dataclass(frozen=True)
@@ -167,18 +171,29 @@ def unroll(settings: Settings) -> Study:
     return Study(curves, np.sqrt(reference.variance) / metric.scale, facts)
 
 
-def _compile_seconds(scene: jaxrt.Scene, unrolled: bool) -> float:
-    """Return CPU seconds to trace and compile the picture's program, without JAX's cache of programs."""
+@contextmanager
+def nothing_kept() -> Iterator[None]:
+    """Compile anew whatever is compiled, without JAX's cache of programs."""
     folder = jax.config.values["jax_compilation_cache_dir"]
-    empty = tempfile.mkdtemp()
-    jax.config.update("jax_compilation_cache_dir", empty)
     jax.clear_caches()
-    start = time.process_time()
-    jaxrt.render(scene, 0, spp=1, unroll=unrolled).block_until_ready()
-    seconds = time.process_time() - start
+    with tempfile.TemporaryDirectory() as empty:
+        _keep_programs_in(empty)
+        yield
+        _keep_programs_in(folder)
+
+
+def _keep_programs_in(folder: str | None) -> None:
+    """Set the folder of JAX's cache, also where it has been read from."""
     jax.config.update("jax_compilation_cache_dir", folder)
-    shutil.rmtree(empty)
-    return seconds
+    compilation_cache.reset_cache()
+
+
+def _compile_seconds(scene: jaxrt.Scene, unrolled: bool) -> float:
+    """Return CPU seconds to trace and compile the picture's program."""
+    with nothing_kept():
+        start = time.process_time()
+        jaxrt.render(scene, 0, spp=1, unroll=unrolled).block_until_ready()
+        return time.process_time() - start
 
 
 STUDIES: dict[str, Callable[[Settings], Study]] = {
