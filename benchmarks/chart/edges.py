@@ -34,9 +34,8 @@ WITHOUT = "without edges"
 # Of a call, by its edge samples for each 16 samples of a pixel
 SPP = {"with 1 edge sample to 16 spp": 64, "with 4 edge samples to 16 spp": 16, "with 16 edge samples to 16 spp": 4}
 PEER_SPP = 16  # of Mitsuba's shortest call, and as many of each kind of edge: as its tests take them
-GUIDING = (
-    512  # samples a pixel that guide these: its default. Its tests' 4,096 take six times as long, for as much noise
-)
+# Samples a pixel that guide these: its default. Its tests' 4,096 take six times as long, for as much noise
+GUIDING = 512
 LONG = Sweep(short=(1,), long=(4, 16), seeds=8, few=4)  # calls
 PEER = Sweep(short=(1, 16, 64), long=(), seeds=4, few=4)  # in its shortest calls
 BRIEF = Sweep(short=(1,), long=(), seeds=2, few=2)
