@@ -90,13 +90,13 @@ class Drawing(Options, total=False):
 
 
 @overload
-def render(scene: Scene, key: int | Array, *, outputs: None = None, **options: Unpack[Drawing]) -> Array: ...
+def render(scene: Scene, key: int | Array, *, outputs: None = None, **options: Unpack[Drawing]) -> Array:
+    """Return the picture (height, width, 3)."""
 
 
 @overload
-def render(
-    scene: Scene, key: int | Array, *, outputs: Sequence[str], **options: Unpack[Drawing]
-) -> dict[str, Array]: ...
+def render(scene: Scene, key: int | Array, *, outputs: Sequence[str], **options: Unpack[Drawing]) -> dict[str, Array]:
+    """Return what is asked for instead, by name."""
 
 
 def render(

@@ -64,7 +64,7 @@ def noise(rng: np.random.Generator) -> list[np.ndarray]:
     return [target + uneven * rng.standard_t(4, size=(24, 24, 1)) * np.ones(3) for _ in range(JUDGES)]
 
 
-def test_noise_has_nostructure_but_by_the_rate_that_is_told() -> None:
+def test_noise_has_no_structure_but_by_the_rate_that_is_told() -> None:
     """Of 400 pictures' standardised structure the spread is 1, known to 3.5 %, and the mean 0, to .05: 4σ."""
     rng = np.random.default_rng(1)
     for reach in REACHES:

@@ -174,17 +174,17 @@ def light_point(
     intensity = jnp.zeros_like(center) if lights.position is None else lights.intensity[light]
     if radii is None:
         return LightPoint(center, jnp.zeros_like(center), center, intensity)
-    axis = normalize(_middle(outlines, row, t) - center)
-    axis = jnp.where(dot(axis, axis) > 0, axis, jnp.zeros_like(axis).at[2].set(1))
-    omega, pdf = towards(axis, u)
+    omega, pdf = towards(_middle(outlines, row, t) - center, u)
     radius = radii[light]
     position = center + radius * omega
     rounding = 32 * unit_roundoff(center) * (jnp.sum(jnp.abs(center)) + radius)
     return LightPoint(position, omega, position + rounding * omega, intensity / pdf)
 
 
-def towards(axis: Array, u: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return a unit direction, likelier the nearer it is to an axis, and its density per steradian."""
+def towards(away: Array, u: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return a unit direction, likelier the nearer it is to that of a vector, and its density per steradian."""
+    axis = normalize(away)
+    axis = jnp.where(dot(axis, axis) > 0, axis, jnp.zeros_like(axis).at[2].set(1))
     u0 = u[0] / LOBE, (u[0] - LOBE) / (1 - LOBE)
     lobe = u[0] < LOBE
     omega = jnp.where(

@@ -133,9 +133,7 @@ def lamp_for(tables: Tables, point: Array, u: tuple[Array, Array, Array, Array])
     shine = jnp.where(light < places.shape[0], intensity / share, 0)
     if radii is None:
         return Lamp(row, center, jnp.zeros_like(center), shine)
-    axis = normalize(point - center)
-    axis = jnp.where(dot(axis, axis) > 0, axis, jnp.zeros_like(axis).at[2].set(1))
-    omega, pdf = towards(axis, (u[2], u[3]))
+    omega, pdf = towards(point - center, (u[2], u[3]))
     size = radii[row]
     has_size = size > 0
     omega = jnp.where(has_size, omega, 0)
